@@ -28,7 +28,7 @@ Arrays = dict[str, NDArray[Any]]
 
 
 class Pieces(Protocol):
-    """Array, or an object that can be read like one, piece by piece."""
+    """An array, or an object such as a column on disk that returns pieces of an array for slices of its rows."""
 
     @property
     def dtype(self) -> np.dtype[Any]: ...
@@ -38,17 +38,18 @@ class Pieces(Protocol):
 
 
 class Kind(NamedTuple):
-    """Kind of file.
+    """A kind of file and the version of its format, by which `read_arrays` decides whether it can read a file.
 
     Attributes
     ----------
     format : str
-        Its name in the description.
+        Name of the kind in the JSON description at the beginning of the file.
     version : int
+        Current version of the format.
     layout : list of int
         Sizes of the records in its arrays; files with other sizes cannot be read.
     noun : str
-        Its name in messages.
+        Its name in messages, such as "a saved model".
     outdated : str
         Message for another version or layout.
     older : tuple of int
@@ -66,14 +67,17 @@ class Kind(NamedTuple):
 def write_arrays(
     path: str | os.PathLike[str], kind: Kind, about: Mapping[str, Any], arrays: Mapping[str, Pieces], report: Progress
 ) -> None:
-    """Write a file for `read_arrays`; it gets its name when it is complete.
+    """Write named arrays to a file, which gets its name when it is complete. `read_arrays` reads it.
 
     Parameters
     ----------
+    path : str or path
+    kind : Kind
+        Kind and version of the file.
     about : dict
-        Additional entries of the description, as JSON types.
+        Additional entries of the JSON description at the beginning of the file.
     arrays : dict of str to array
-        Or objects that return arrays for slices, and have dtype and shape.
+        Arrays, or objects that return arrays for slices and have dtype and shape, such as columns on disk.
     report : callable
         Called with the fraction done.
     """
@@ -96,7 +100,9 @@ def write_arrays(
 
 
 def read_arrays(path: str | os.PathLike[str], kind: Kind) -> tuple[dict[str, Any], Arrays]:
-    """Return the description of a file and its named arrays, mapped.
+    """Read a file that `write_arrays` has written; return its description and its arrays by name.
+
+    The arrays of files over 1 MiB are memory-mapped; changes to them do not change the file.
 
     Raises
     ------
@@ -122,7 +128,10 @@ def read_arrays(path: str | os.PathLike[str], kind: Kind) -> tuple[dict[str, Any
 
 
 def _description(head: NDArray[Any], kind: Kind) -> dict[str, Any]:
-    """Parse the description in the first array."""
+    """Parse the JSON description of a file; raise a ValueError if the file is of another kind or version.
+
+    head : first array of the file, the bytes (uint8) of the JSON text
+    """
     try:
         about = json.loads(head.tobytes())
         names = [str(name) for name in about["arrays"]]
@@ -137,7 +146,10 @@ def _description(head: NDArray[Any], kind: Kind) -> dict[str, Any]:
 
 
 def _next_array(stream: IO[bytes], memory: mmap.mmap | bytearray, size: int, name: str) -> NDArray[Any]:
-    """Return the array at the stream's position; move the stream to its end."""
+    """Return the array at the stream's position without copying it; move the stream to the array after it.
+
+    memory : the contents of the file, mapped or read; size : of the file in bytes; name : of the array, for messages
+    """
     try:
         if npy.read_magic(stream) != (1, 0):
             raise ValueError("unsupported version")
@@ -159,7 +171,7 @@ def _next_array(stream: IO[bytes], memory: mmap.mmap | bytearray, size: int, nam
 def drop_pages(arrays: Iterable[NDArray[Any]]) -> None:
     """Release the memory of mapped arrays; the system reads it from the file again when needed.
 
-    Changes to the arrays are lost. Does nothing on systems without support.
+    Changes to the arrays are lost. Arrays that are not mapped are ignored. Does nothing on systems without support.
     """
     files = {id(file): file for file in map(_mapping_of, arrays) if file is not None}
     for file in files.values():
@@ -168,7 +180,7 @@ def drop_pages(arrays: Iterable[NDArray[Any]]) -> None:
 
 
 def _mapping_of(array: NDArray[Any]) -> mmap.mmap | None:
-    """Return the mapped file of an array."""
+    """Return the memory-mapped file that holds an array; None if the array is not mapped."""
     base: Any = array
     while isinstance(base, np.ndarray | memoryview):
         base = base.base if isinstance(base, np.ndarray) else base.obj
@@ -176,7 +188,10 @@ def _mapping_of(array: NDArray[Any]) -> mmap.mmap | None:
 
 
 def take_array(found: Arrays, name: str, dtype: type, shape: tuple[int, ...]) -> NDArray[Any]:
-    """Remove an array from `found` and return it; -1 in `shape` is any length. Raises a ValueError if it differs."""
+    """Remove the array `name` from `found` and return it; raise a ValueError if its dtype or shape is wrong.
+
+    found : arrays by name, as `read_arrays` returns them; shape : expected lengths, -1 for any length
+    """
     if name not in found:
         raise ValueError(f"{name} is missing")
     array = found.pop(name)

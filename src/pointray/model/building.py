@@ -24,11 +24,12 @@ from .model_data import ModelData
 
 
 class BuildOptions(NamedTuple):
-    """Checked options of a model, see `Model`.
+    """Checked options of a model.
 
-    settings : of the tree; scale : factor for radii
-    smooth : standard deviation of the noise to remove, or "auto"
-    drawing : how scattered points are drawn
+    settings : the implicit surface, the samples along a ray, limits of hits and the voxel size
+    scale : factor for the radii of the surface
+    smooth : standard deviation of the noise to remove from the positions, or "auto"
+    drawing : how points that lie on no surface are drawn, such as spheres
     """
 
     settings: TreeSettings
@@ -38,7 +39,7 @@ class BuildOptions(NamedTuple):
 
 
 def ignore_progress(stage: str, share: float) -> None:
-    """Progress callback that does nothing."""
+    """Do nothing: the progress callback for callers without one."""
 
 
 def build_model(
@@ -49,16 +50,28 @@ def build_model(
     options: BuildOptions,
     report: StageProgress,
 ) -> ModelData:
-    """Build a model of points.
+    """Build a model of points: normals, removal of noise, detection of scattered points, radii, and the tree.
+
+    Scattered points are those that lie on no surface, such as leaves and wires.
 
     Parameters
     ----------
+    points : Points
+        The n points.
     used : (m,) int32
         Rows of the finite points.
     given : (n,) float32, optional
-        Radii. Default: chosen.
+        Radii. Default: chosen from the spacing of neighbours.
     mask : (n,) bool, optional
-        Mask of the scattered points. Default: detected if they are drawn apart.
+        Mask of the scattered points. Default: detected, unless the options draw them like the surface.
+    options : BuildOptions
+    report : callable
+        Called with the name of the stage and its completed share.
+
+    Raises
+    ------
+    ValueError
+        If all points are scattered and the options do not draw them, or all points coincide and no radii are given.
     """
     report("normals", 0.0)
     cloud = points if len(used) == len(points) else points.select(used)
@@ -87,7 +100,13 @@ def build_model(
 def assemble(
     points: Points, options: BuildOptions, made: SplatBuild | None, scattered: Splats | None, report: StageProgress
 ) -> ModelData:
-    """Return a model with a tree over splats of the surface and over scattered points; either may be None."""
+    """Return a model with a tree over the splats of the surface and over the points drawn as spheres or discs.
+
+    points : the n points, as given
+    made : splats of the surface and the rows of their points; None: no surface
+    scattered : splats drawn as spheres or discs; None: only surface
+    report : called with the name of the stage and its completed share
+    """
     settings = options.settings
     if made is not None and made.tight:
         settings = settings._replace(trim=LOOSE_TRIM)
@@ -104,9 +123,9 @@ def assemble(
 
 
 def rebuild_model(data: ModelData, options: BuildOptions, report: StageProgress) -> ModelData:
-    """Build a model of the same splats with other settings and scaled radii.
+    """Build a model of the same points with another implicit surface, other samples or scaled radii.
 
-    Normals, noise and scattered points are those of `data`.
+    Normals, denoised positions and points drawn as spheres or discs are taken from `data`, an existing model.
     """
     points, radii = data.points, data.radii
     used = np.flatnonzero(points.finite & (radii > 0) & ~data.scattered).astype(np.int32)
@@ -118,7 +137,10 @@ def rebuild_model(data: ModelData, options: BuildOptions, report: StageProgress)
 
 
 def _placed(data: ModelData, used: NDArray[np.int32]) -> Placed:
-    """Return some of the points as rays meet them; points without a splat have the normal 0."""
+    """Return some points of a model at the denoised positions of their splats, with unit normals and the removed noise.
+
+    used : (m,) int32, rows of the points; those without a splat get the given position and the normal 0
+    """
     splats, points = stored_splats(data.tree), data.points
     positions, normals = points.positions.copy(), np.zeros_like(points.positions)
     noise = np.zeros(len(positions), np.float32)

@@ -25,7 +25,13 @@ COARSER = 2.0  # ratio of a level's cell size to that of the level before; for t
 
 
 def make_levels(data: ModelData, report: StageProgress) -> Iterator[ModelData]:
-    """Yield the levels of detail of a model, from fine to coarse, see `Model.make_levels`."""
+    """Yield the levels of detail of a model, from fine to coarse, each with half as many points along a line.
+
+    Points that share a grid cell and face about the same way are averaged. It ends when a level would have fewer than
+    700 points, or not 1.5 times fewer than the one before.
+
+    report : called with the name of the stage and its completed share
+    """
     rows, positions, normals, noise = stored_splats(data.tree, by_row=False)
     points = data.points
     colors = None if points.colors is None else points.colors[rows]
@@ -65,7 +71,13 @@ def _make_level(
     scattered: ScatteredPoints | None,
     drawing: Drawing,
 ) -> ModelData:
-    """Return a level of detail. The limits of its supports keep isolated points about as small as they were."""
+    """Build a level of detail from averaged points.
+
+    placed : points of the surface, with the noise removed from each; None: no surface
+    within : lower limit of the support radii, and (n,) float32 upper limits, which keep isolated points about as small
+        as they were
+    scattered : points drawn as spheres or discs, as `drawing` says; None: only surface
+    """
     points = joined(None if placed is None else placed.points, None if scattered is None else scattered.points)
     made, count = None, 0
     if placed is not None:

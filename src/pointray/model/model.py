@@ -49,18 +49,21 @@ class Model(TraceableModel):
         Rows without a finite position are left out, with a warning. Missing normals are estimated; existing ones are
         used as they are, even if they deviate from the surface (`check_normals`).
     radii : (n,) array_like, optional
-        Support radius of each point, in the unit of the positions. Default: chosen (part II of the paper).
+        Support radius of each point, in the unit of the positions. Default: chosen from the spacing of neighbouring
+        points (part II of the paper).
     surface : {"paper", "imls", "apss", "disc"}, optional
-        The implicit surface, see `surface/intersect/surface.py`; "disc" is flat splats, figure 1a of the paper.
-        Default: "apss".
+        The implicit surface f = 0: planes blended from weighted mean positions and normals ("paper"), the weighted mean
+        distance from the splats' planes ("imls"), a fitted sphere ("apss"), or flat discs without blending ("disc",
+        figure 1a of the paper). Default: "apss".
     samples : int
-        Samples along a ray over the diameter of a support, the paper's N: steps are at most radius * 2 / N.
+        Samples of f along a ray over the diameter of a support, the paper's N: steps are at most radius * 2 / N.
     refine : int
-        Secant steps after the bracket; 0 is the paper.
+        Number of secant steps that refine a hit after f has changed its sign between two samples. The paper has 0.
     trim : "auto", float or None
-        A hit counts only where |x - P(x)| is at most this many local radii, which removes phantom surface. "auto": 0.6
-        (0.95 where the radii are too small to cover the surface), and at most 0.2 beyond the splats of an open border,
-        so that no skirt grows. None: the paper.
+        A hit x counts only within this distance of P(x), the weighted mean of the splats' positions around it, in local
+        radii. This removes phantom surface far from all points. "auto": 0.6 (0.95 where the radii are too small to
+        cover the surface), and at most 0.2 radii beyond the splats of an open border, so that the surface does not
+        extend past it. None: no limit, as in the paper.
     radius_scale : float
         Factor for all radii of the surface.
     smooth : "auto" or float
@@ -70,10 +73,10 @@ class Model(TraceableModel):
         and no layer is moved. Rows, attributes and `points` stay as given.
     scatter : {"auto", "spheres", "discs", "surface", "none"}
         How points that lie on no surface (leaves, wires, strays) are drawn: as spheres, as single flat discs
-        perpendicular to their normals, like all others, or not at all. With given radii, spheres and discs have these.
-        "auto": spheres, but like all others with given radii.
+        perpendicular to their normals, as splats of the surface like all other points, or not at all. With given radii,
+        spheres and discs have these. "auto": "spheres", but "surface" with given radii.
     scatter_size : float
-        Factor for the radii of scattered points, which are 0.35 of the local spacing.
+        Factor for the radii of the points drawn as spheres or discs, which are 0.35 of the local spacing.
     progress : callable, optional
         Called as `progress(stage, share)` with the name of the stage and its completed share, 0 to 1.
 
@@ -88,8 +91,8 @@ class Model(TraceableModel):
     TypeError
         If an argument has the wrong type.
     ValueError
-        If a shape, dtype or value is invalid, all points coincide and no radius is given, or more memory is needed
-        than is available.
+        If a shape, dtype or value is invalid, all points coincide and no radius is given, or more memory is needed than
+        is available.
 
     References
     ----------
@@ -150,17 +153,26 @@ class Model(TraceableModel):
     ) -> Model:
         """Return a model of the same points with other settings.
 
-        Radii, normals, noise and the set of scattered points are reused, unless `smooth`, `scatter` or `scatter_size`
-        change.
+        Radii, normals, noise and the set of points drawn apart from the surface (as spheres or discs) are reused,
+        unless `smooth`, `scatter` or `scatter_size` change.
 
         Parameters
         ----------
-        smooth, surface, samples, refine, radius_scale
-            As for the class.
+        smooth : "auto" or float
+            Standard deviation of the positions' noise, in their unit; 0: positions are used as they are.
+        surface : {"paper", "imls", "apss", "disc"}
+            The implicit surface, see `Model`.
+        samples : int
+            Samples of f along a ray over the diameter of a support.
+        refine : int
+            Number of secant steps that refine a hit.
+        radius_scale : float
+            Factor for all radii of the surface.
         scatter, scatter_size : optional
-            As for the class. Default: as in this model.
+            How points that lie on no surface are drawn, and a factor for their radii, see `Model`. Default: as in this
+            model.
         progress : callable, optional
-            As for the class.
+            Called as `progress(stage, share)` with the name of the stage and its completed share, 0 to 1.
 
         Returns
         -------
@@ -195,7 +207,7 @@ class Model(TraceableModel):
         return PrebuiltModel(build_model(self.points, finite_rows(self.points), None, mask, options, report))
 
     def remade(self, *args: Any, **options: Any) -> Model:
-        """Deprecated alias of `rebuild`."""
+        """Deprecated alias of `rebuild`: warn, and return a model of the same points with other settings."""
         warn_renamed("Model.remade", "Model.rebuild")
         return self.rebuild(*args, **options)
 
@@ -284,8 +296,8 @@ class Model(TraceableModel):
 
         `levels` is a tuple of models from fine to coarse. Each has half as many points along a line as the one before.
         Images then show each instance in the level that fits its distance: less flicker in films, higher frame rates.
-        Levels have the surface "paper" with N = 2, as their points are about as far apart as pixels. Memory grows by a
-        third. `Settings(levels=False)` ignores them.
+        Levels have the surface "paper" with 2 samples over a support's diameter, as their points are about as far apart
+        as pixels. Memory grows by a third. `Settings(levels=False)` ignores them.
 
         Parameters
         ----------
@@ -312,35 +324,50 @@ class Model(TraceableModel):
 
 
 class PrebuiltModel(Model):
-    """A model of arrays that exist already: a saved model, a level of detail, or one built again from another."""
+    """A model of arrays that exist already, such as those of a saved model, a level of detail or a rebuilt model.
+
+    Parameters
+    ----------
+    data : ModelData
+        Arrays and settings of the model.
+    levels : sequence of Model
+        Its levels of detail, from fine to coarse.
+    """
 
     def __init__(self, data: ModelData, levels: Sequence[Model] = ()) -> None:
         self._data, self.levels = data, tuple(levels)
 
 
 class _OnDisk(Model):
-    """A part or level of detail of a model in a folder. Its file is opened whenever it is needed and not open."""
+    """A part of a model in a folder, or a level of detail of a part. Its file is opened whenever it is needed.
+
+    source : the file, and the cache of open files through which it is opened
+    """
 
     source: Source
 
     @cached_property
     def step(self) -> float:
-        """As in `Model`; about an upper limit for the levels of detail too, each of which has steps twice as long."""
+        """Upper limit of the steps between a ray's samples, in the points' unit: the longest in any part.
+
+        Of a part with levels of detail it is larger by a factor of 2 for each level, whose steps are about twice as
+        long as those of the next finer one.
+        """
         return self.source.cache.step * COARSER ** len(self.levels)
 
     @cached_property
     def spacing(self) -> float:
-        """As in `Model`."""
+        """Median radius of the splats in the file, in the points' unit, as the index of the folder states it."""
         return self.source.file.spacing
 
     @cached_property
     def longest(self) -> int:
-        """As in `Model`."""
+        """Number of blocks in the longest leaf, as the index of the folder states it; kernels allocate memory by it."""
         return self.source.file.longest
 
     @property
     def nbytes(self) -> int:
-        """As in `Model`: the sizes of the files."""
+        """Size in bytes of the file and of those of its levels of detail, whether they are open or not."""
         return self.source.file.nbytes + sum(level.nbytes for level in self.levels)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -348,26 +375,28 @@ class _OnDisk(Model):
 
 
 class LevelOnDisk(_OnDisk):
-    """A level of detail of a part on disk."""
+    """A level of detail of one part of a model in a folder: a coarser version of the part, with points of its own."""
 
     def __init__(self, source: Source) -> None:
         self.source, self.levels = source, ()
 
     @property
     def data(self) -> ModelData:
-        """Arrays and settings, read from the file."""
+        """Arrays and settings of the level, read from its file, which is opened if it is not open."""
         return self.source.open()
 
 
 class PartOnDisk(_OnDisk):
-    """A part of a model on disk. Only its tree is read from its file.
+    """A part of a model in a folder. Its tree is read from its file; its points are those of the whole model.
 
     Parameters
     ----------
     data : ModelData
-        The whole, with the bounds of the part.
+        Arrays and settings of the whole model, with the bounds of the part.
     source : Source
+        The file of the part, and the cache through which it is opened.
     levels : sequence of Model
+        Levels of detail of the part, from fine to coarse.
     """
 
     def __init__(self, data: ModelData, source: Source, levels: Sequence[Model]) -> None:
@@ -375,33 +404,37 @@ class PartOnDisk(_OnDisk):
 
     @property
     def tree(self) -> Tree:
-        """As in `Model`."""
+        """The tree over the splats of the part and those of other parts that reach into it, read from its file."""
         return self.source.open().tree
 
     @property
     def has_surface(self) -> bool:
-        """As in `Model`."""
+        """Whether rays can hit the part, according to the index of the folder."""
         return self._stored_bounds is not None
 
     @cached_property
     def surface_bounds(self) -> NDArray[np.float64]:
-        """As in `Model`."""
+        """Bounds of all that rays can hit of the part, (2, 3) float64, relative to the origin, as the index states."""
         return self.data.empty_bounds if self._stored_bounds is None else np.array(self._stored_bounds)
 
     @property
     def _stored_bounds(self) -> list[list[float]] | None:
-        """Bounds of all that rays can hit, from the index; None: nothing."""
+        """Bounds of all that rays can hit of the part, (2, 3), relative to the origin, as the index states.
+
+        None if rays cannot hit it.
+        """
         file = self.source.file
         assert isinstance(file, PartFile)
         return file.reach
 
 
 class ModelInParts(Model):
-    """A model in a folder, in parts that are opened when they are needed, see `Model.load`.
+    """A model in a folder, in parts whose files are opened when they are needed; `Model.load` returns it for a folder.
 
     Parameters
     ----------
     path : str or path
+        The folder.
     memory : int, optional
         Bytes of files that stay open. Default: half of the available memory.
 
@@ -431,52 +464,56 @@ class ModelInParts(Model):
         self._saved = place_of(path, INDEX), self.levels
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state for pickles and copies, which hold what lies on disk."""
+        """Return the state for pickles and copies, without the cache of open files; copies hold the parts instead."""
         return {**super().__getstate__(), "_cache": None}
 
     def check_whole(self) -> None:
-        """Raise a ValueError."""
+        """Raise a ValueError: the caller needs a model in memory, and this one is in parts."""
         raise ValueError("this needs a model in memory, not one in parts: build it from the scan")
 
     @property
     def scattered(self) -> NDArray[np.bool_]:
-        """As in `Model`."""
+        """Mask of the points drawn as spheres or as single discs, (n,) bool: the last rows. A new array."""
         mask = np.zeros(len(self.points), np.bool_)
         mask[len(mask) - self._scattered_points :] = True
         return mask
 
     @property
     def has_levels(self) -> bool:
-        """As in `Model`."""
+        """Whether any part has levels of detail."""
         return any(part.levels for part in self.parts)
 
     @property
     def has_surface(self) -> bool:
-        """As in `Model`."""
+        """Whether rays can hit any part."""
         return any(part.has_surface for part in self.parts)
 
     @cached_property
     def surface_bounds(self) -> NDArray[np.float64]:
-        """As in `Model`."""
+        """Bounds of all that rays can hit of any part, (2, 3) float64, relative to the origin."""
         boxes = [part.surface_bounds for part in self.parts if part.has_surface]
         each = np.array(boxes or [self.data.bounds - self.points.origin])
         return np.stack([each[:, 0].min(axis=0), each[:, 1].max(axis=0)])
 
     @cached_property
     def spacing(self) -> float:
-        """As in `Model`, of a sample: reading all radii would take seconds."""
+        """Median radius of the points on the surface, in the points' unit, from at most 2^20 evenly spread points.
+
+        Reading all radii would take seconds. If all points are drawn as spheres or discs, it is the spacing that
+        corresponds to the median of their radii.
+        """
         count = len(self.radii) - self._scattered_points
         radii = self.radii[spread_rows(count or len(self.radii), SAMPLE)]
         return float(np.median(radii)) if count else spacing_of(radii, self.drawing)
 
     @cached_property
     def longest(self) -> int:
-        """As in `Model`."""
+        """Number of blocks in the longest leaf of any part; kernels allocate memory by it."""
         return max(part.longest for part in self.parts)
 
     @property
     def nbytes(self) -> int:
-        """As in `Model`."""
+        """Size in bytes of the points and of the files of all parts and levels of detail, also of those not open."""
         if self._cache is not None:
             return self.data.nbytes + sum(part.nbytes for part in self.parts)
         held = sum(array.nbytes for part in self.parts for array in part.tree)  # copies share the points
@@ -484,7 +521,10 @@ class ModelInParts(Model):
 
     @property
     def resident_bytes(self) -> int:
-        """As in `Model`."""
+        """Size in bytes of the files of parts and levels of detail that are open.
+
+        Of a copy of the model, which has no files, it is the size of all arrays.
+        """
         return self.nbytes if self._cache is None else self._cache.nbytes
 
 

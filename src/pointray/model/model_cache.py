@@ -43,21 +43,22 @@ SETTLED = 2.0  # seconds since a file's last change: a second change within the 
 
 @dataclass(frozen=True)
 class Entry:
-    """Place of a model in the cache.
+    """A place for one model in the cache folder, whether it is stored there or not.
 
     Attributes
     ----------
     path : path
-        The saved model; its description is stored next to it as JSON.
+        File of the saved model; its description is stored next to it as JSON.
     about : dict
-        What the model was made of, as JSON types.
+        What the model is made of, as JSON types: path, size and modification time of its files, and how they are read
+        and built.
     """
 
     path: Path
     about: Mapping[str, Any]
 
     def load(self) -> Model | None:
-        """Load the model; None if it is missing or damaged. Warnings given when it was built are repeated."""
+        """Load the model; return None if it is missing or damaged. Warnings given when it was built are repeated."""
         if not self.path.exists():
             return None
         try:
@@ -71,7 +72,13 @@ class Entry:
         return model
 
     def store(self, model: Model, notes: Sequence[str] = (), progress: StageProgress | None = None) -> bool:
-        """Store a model; return whether that was done. Disk errors are ignored."""
+        """Store a model in the cache; return whether that was done. Disk errors are ignored.
+
+        Not stored are models of under 50,000 points, models larger than the cache, and those whose files have just
+        changed.
+
+        notes : warnings given when the model was built, which `load` repeats
+        """
         if len(model.points) < WORTH or not self._is_unchanged() or model.nbytes > _limit():
             return False
         description = {**self.about, "notes": list(notes), "points": len(model.points)}
@@ -86,7 +93,7 @@ class Entry:
         return True
 
     def _is_unchanged(self) -> bool:
-        """Return whether the files are unchanged, and were not written just now."""
+        """Return whether the model's files are as described in `about` and were last written over 2 seconds ago."""
         with suppress(OSError):
             files = [Path(facts["path"]) for facts in self.about["files"]]
             return _facts_of(files) == self.about["files"] and all(
@@ -98,11 +105,13 @@ class Entry:
 def entry_of(files: Sequence[Path], made: Mapping[str, Any]) -> Entry:
     """Return the cache entry for the model of some files.
 
+    Its name is a hash of the arguments and of the package's sources.
+
     Parameters
     ----------
     files : sequence of path
     made : dict
-        How they are read and built, as JSON types.
+        How the files are read and built, as JSON types.
     """
     about = {"files": _facts_of(files), "made": dict(made)}
     text = json.dumps([about, source_key()], sort_keys=True)
@@ -110,7 +119,7 @@ def entry_of(files: Sequence[Path], made: Mapping[str, Any]) -> Entry:
 
 
 def built(build: Callable[[], Model]) -> tuple[Model, list[str]]:
-    """Build a model; return it and the warnings that building gave, which are also passed on."""
+    """Call a function that builds a model; return the model and the warnings that it gave, which are also passed on."""
     with collect_warnings() as notes:
         model = build()
     for note in notes:
@@ -119,13 +128,17 @@ def built(build: Callable[[], Model]) -> tuple[Model, list[str]]:
 
 
 def folder() -> Path:
-    """Return the folder of cached models: in POINTRAY_CACHE, else in the user's cache."""
+    """Return the folder of cached models: in the folder that POINTRAY_CACHE names, else in the user's cache folder."""
     base = os.environ.get("POINTRAY_CACHE") or platformdirs.user_cache_dir("pointray", appauthor=False)
     return Path(base) / FOLDER
 
 
 def describe() -> list[dict[str, Any]]:
-    """Describe the cached models, most recently used first: path, bytes, used (time), and what each was made of."""
+    """Describe the cached models, most recently used first.
+
+    Each dict has path, bytes, used (time in seconds) and, if its description is readable, files (path, bytes, written),
+    made (how they were read and built), notes (warnings) and points (their number).
+    """
     found = []
     for path in _by_age():
         with suppress(OSError):
@@ -135,7 +148,7 @@ def describe() -> list[dict[str, Any]]:
 
 
 def clear() -> tuple[int, int]:
-    """Remove all models; return their number and bytes."""
+    """Remove all cached models; return their number and their total size in bytes."""
     models = describe()
     sweep(folder())
     for model in models:
@@ -148,7 +161,10 @@ def clear() -> tuple[int, int]:
 
 @cache
 def source_key() -> str:
-    """Return a hash of the sources that decide what a model is: `MADE_BY`, the formats, and what these import."""
+    """Return a hash of all sources that decide what a model is: file formats, reading, outliers, normals and `Model`.
+
+    It includes the modules that these import. Models cached by another version of these sources are not found.
+    """
     return key_of([*(Path(inspect.getfile(each)) for each in MADE_BY), *format_files()], deferred=True)
 
 
@@ -158,7 +174,7 @@ def _facts_of(files: Sequence[Path]) -> list[dict[str, Any]]:
 
 
 def _description(path: Path) -> dict[str, Any]:
-    """Return the description of a model; empty if it is damaged."""
+    """Return the description of a cached model, from the JSON file next to it; empty if that is missing or damaged."""
     with suppress(OSError, ValueError, RecursionError):  # RecursionError: deeply nested brackets
         found = json.loads(path.with_suffix(".json").read_bytes())
         if isinstance(found, dict) and _is_sound(found):
@@ -167,7 +183,7 @@ def _description(path: Path) -> dict[str, Any]:
 
 
 def _is_sound(description: dict[str, Any]) -> bool:
-    """Return whether the entries of a description have the right types."""
+    """Return whether the entries of a cached model's description exist and have the right types."""
     files, notes = description.get("files"), description.get("notes")
     return (
         isinstance(files, list)
@@ -178,7 +194,7 @@ def _is_sound(description: dict[str, Any]) -> bool:
 
 
 def _by_age() -> list[Path]:
-    """Return the models, least recently used first."""
+    """Return the files of all cached models, least recently used first."""
     ages = []
     for path in folder().glob(f"*{SAVED}"):
         with suppress(OSError):
@@ -188,7 +204,10 @@ def _by_age() -> list[Path]:
 
 
 def _limit() -> float:
-    """Return the largest total size of all models, in bytes."""
+    """Return the largest total size of the cached models in bytes: 16 GiB, but at most half of the disk's free space.
+
+    The space of the models themselves counts as free.
+    """
     place = folder()
     while not place.exists():
         place = place.parent
@@ -197,7 +216,10 @@ def _limit() -> float:
 
 
 def _prune(keep: Path) -> None:
-    """Remove the least recently used models until the others fit, including those of other versions of the sources."""
+    """Remove the least recently used models until the others fit into the limit of the cache.
+
+    keep : file of the model just stored, which is never removed
+    """
     limit, paths = _limit(), _by_age()
     sizes = {path: path.stat().st_size for path in paths if path.exists()}
     total = sum(sizes.values())
@@ -210,7 +232,7 @@ def _prune(keep: Path) -> None:
 
 
 def _remove(path: Path) -> None:
-    """Remove a model and its description; other processes can still read it if they have mapped it."""
+    """Remove a cached model and its description; processes that have mapped the file can still read it."""
     for one in (path, path.with_suffix(".json")):
         with suppress(OSError):
             one.unlink()

@@ -19,14 +19,14 @@ from .model_file import Level
 
 
 class ModelData(NamedTuple):
-    """Arrays and settings of a model that is built.
+    """Arrays and settings of a model that is built: what rays, images and files read.
 
-    settings : of the tree
-    smooth : standard deviation of the noise that was removed, or "auto"
-    drawing : how scattered points are drawn
-    points, radii : (n,) float32, 0 for points without a splat
+    settings : the implicit surface, the samples along a ray and the voxel size
+    smooth : standard deviation of the noise that was removed from the positions, or "auto"
+    drawing : how points that lie on no surface are drawn, such as spheres
+    points, radii : the n points as given; (n,) float32 support radii, 0 for points without a splat
     bounds : (2, 3) float64, of the points, world
-    tree : over the splats; without any in the description of a model in parts
+    tree : over the splats; in the description of a whole model in parts it has no splats
     """
 
     settings: TreeSettings
@@ -39,14 +39,20 @@ class ModelData(NamedTuple):
 
     @classmethod
     def from_stored(cls, stored: Level) -> ModelData:
-        """Return the data of a file; ValueError or TypeError if its settings are invalid."""
+        """Return the data of a model or level of detail that was read from a file.
+
+        Raises
+        ------
+        ValueError, TypeError
+            If a stored setting is invalid.
+        """
         settings = dict(stored.settings)
         smooth = check_sigma(settings.pop("smooth", 0.0), "smooth")
         drawing = check_drawing(settings.pop("scatter", "surface"), settings.pop("scatter_size", 1.0))
         return cls(settings_of(settings), smooth, drawing, *stored[1:])
 
     def to_stored(self) -> Level:
-        """Return what `write_model` writes."""
+        """Return the data in the form that `write_model` stores: settings as a dict of JSON types, and the arrays."""
         settings = {**self.settings._asdict(), "smooth": self.smooth, **self.drawing.facts}
         return Level(settings, *self[3:])
 
@@ -59,7 +65,7 @@ class ModelData(NamedTuple):
 
     @property
     def empty_bounds(self) -> NDArray[np.float64]:
-        """Box without size for a model that no ray can hit, (2, 3), relative to the origin."""
+        """Bounds of a model that no ray can hit, (2, 3), relative to the origin: its points' lower corner, twice."""
         return np.repeat(self.bounds[:1] - self.points.origin, 2, axis=0)
 
     @property
@@ -77,7 +83,11 @@ class ModelData(NamedTuple):
 
     @property
     def spacing(self) -> float:
-        """Median radius of the points on the surface, see `Model.spacing`."""
+        """Median radius of the points on the surface, in the points' unit, which stands for their spacing.
+
+        If no point is drawn as a sphere or disc, rows without a splat count with radius 0; otherwise they are left out.
+        If all points are drawn as spheres or discs, it is the spacing that corresponds to the median of their radii.
+        """
         if not self.tree.head[SCATTER]:
             return float(np.median(self.radii))
         scattered = self.scattered
@@ -86,10 +96,10 @@ class ModelData(NamedTuple):
 
     @property
     def step(self) -> float:
-        """Longest step of a ray's samples, in the points' unit."""
+        """Longest step between a ray's samples in any voxel, in the points' unit."""
         return float(self.tree.head[LONGEST])
 
     @property
     def longest(self) -> int:
-        """Number of blocks in the longest leaf."""
+        """Number of blocks in the longest leaf; kernels allocate memory by it."""
         return longest_leaf(self.tree)

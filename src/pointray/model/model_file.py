@@ -32,16 +32,19 @@ KIND = Kind(
 
 
 class Level(NamedTuple):
-    """Model, or one of its levels of detail, as stored in a file.
+    """A model, or one of its levels of detail, as stored in a file.
 
     Attributes
     ----------
     settings : dict
-        As JSON types.
+        Settings of the surface, the tree, smoothing and the drawing of scattered points, as JSON types.
     points : Points
     radii : (n,) float32
+        Support radius of each point, 0 for points without a splat.
     bounds : (2, 3) float64
+        Bounds of the points, world.
     tree : Tree
+        The tree over the splats.
     """
 
     settings: dict[str, Any]
@@ -53,12 +56,12 @@ class Level(NamedTuple):
 
 @dataclass(frozen=True)
 class Place:
-    """File that holds a model, with its state at one moment.
+    """A file or folder that holds a model, with its state at one moment. Another process can open the same model by it.
 
     path : absolute
     size : bytes
     written : modification time in nanoseconds
-    leveled : whether its levels of detail belong to the model
+    leveled : whether the levels of detail in the file belong to the model
     index : for a folder, the file in it that size and time refer to; else empty
     """
 
@@ -70,7 +73,7 @@ class Place:
 
     @property
     def is_there(self) -> bool:
-        """Whether this process sees the file, unchanged."""
+        """Whether this process finds the file with the same size and modification time."""
         try:
             return replace(place_of(self.path, self.index), leveled=self.leveled) == self
         except OSError:
@@ -78,7 +81,10 @@ class Place:
 
 
 def place_of(path: str | os.PathLike[str], index: str = "") -> Place:
-    """Return the place of a file. index : for a folder, the name of the file in it that represents it"""
+    """Return the path, size and modification time of a file or folder that holds a model.
+
+    index : for a folder, the name of the file in it whose size and time represent it
+    """
     facts = os.stat(os.path.join(path, index) if index else path)
     return Place(os.path.abspath(path), facts.st_size, facts.st_mtime_ns, index=index)
 
@@ -86,16 +92,17 @@ def place_of(path: str | os.PathLike[str], index: str = "") -> Place:
 def write_model(
     path: str | os.PathLike[str], levels: Sequence[Level], report: Progress, more: Mapping[str, Any] | None = None
 ) -> None:
-    """Write a file for `read_model`; it gets its name when it is complete.
+    """Write a model and its levels of detail to a file, which gets its name when it is complete. `read_model` reads it.
 
     Parameters
     ----------
+    path : str or path
     levels : sequence of Level
-        The model, then its levels of detail.
+        The model, then its levels of detail, from fine to coarse.
     report : callable
         Called with the fraction done.
     more : dict, optional
-        Additional entries of the description, as JSON types.
+        Additional entries of the JSON description at the beginning of the file.
     """
     arrays = {
         f"{_prefix(k)}{name}": array for k, level in enumerate(levels) for name, array in _arrays_of(level).items()
@@ -108,12 +115,12 @@ def write_model(
 
 
 def _prefix(k: int) -> str:
-    """Return the prefix of a level's array names: empty for the full model."""
+    """Return the prefix of a level's array names in a file: "level1." for k = 1, empty for the model itself (k = 0)."""
     return f"level{k}." if k else ""
 
 
 def _arrays_of(level: Level) -> Arrays:
-    """Return a level's arrays by their names in the file."""
+    """Return the arrays of a model or level of detail by their names in a file, such as "points.positions"."""
     points = level.points
     arrays = {f"points.{name}": getattr(points, name) for name in ("positions", "origin", "normals", "colors")}
     arrays |= {f"attribute.{name}": values for name, values in points.attributes.items()}
@@ -125,14 +132,20 @@ def _arrays_of(level: Level) -> Arrays:
 def read_model(
     path: str | os.PathLike[str], expected: Mapping[str, Any] | None = None, is_sound: bool = False
 ) -> list[Level]:
-    """Read the model of a file and its levels of detail; arrays are mapped, so this is immediate.
+    """Read the model of a file and its levels of detail, from fine to coarse; arrays are mapped, so this is immediate.
 
     Parameters
     ----------
+    path : str or path
     expected : dict, optional
-        Entries that the description must have.
+        Entries that the JSON description at the beginning of the file must have; a ValueError if one differs.
     is_sound : bool
-        Whether the file has been validated before and is unchanged.
+        Whether the trees have been validated before and the file is unchanged, so that this is not repeated.
+
+    Returns
+    -------
+    list of Level
+        The model, then its levels of detail.
 
     Raises
     ------
@@ -156,7 +169,10 @@ def read_model(
 
 
 def _settings_in(about: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return the settings of the model and of its levels of detail; older files have no levels."""
+    """Return the settings of the model, then of its levels of detail; files of older versions have no levels.
+
+    about : JSON description at the beginning of the file
+    """
     settings = [about.get("settings"), *_listed(about.get("levels", []))]
     if not all(isinstance(one, dict) for one in settings):
         raise ValueError("the model is damaged: invalid settings")
@@ -164,7 +180,7 @@ def _settings_in(about: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def georeference_of(about: dict[str, Any]) -> Georeference:
-    """Return the georeference; empty for older files."""
+    """Return the georeference in the JSON description of a file (its entry "survey"); empty for files without one."""
     try:
         return Georeference(**about.get("survey", {}))
     except (TypeError, ValueError) as error:
@@ -176,7 +192,7 @@ def _listed(value: Any) -> list[Any]:
 
 
 def check_columns(level: Level, model: Level) -> None:
-    """Raise a ValueError if a level of detail differs from its model in columns or origin."""
+    """Raise a ValueError if a level of detail does not have the same colours, attributes or origin as its model."""
     if _columns_of(level.points) != _columns_of(model.points):
         raise ValueError("the model is damaged: a level of detail has different attributes or colors")
     if not np.array_equal(level.points.origin, model.points.origin):
@@ -184,14 +200,18 @@ def check_columns(level: Level, model: Level) -> None:
 
 
 def _columns_of(points: Points) -> dict[str, Any]:
-    """Return the columns that all levels of a model share."""
+    """Return what all levels of a model must share: whether colours are missing, dtype and shape of each attribute."""
     return {"": points.colors is None, **{name: (v.dtype, v.shape[1:]) for name, v in points.attributes.items()}}
 
 
 def _take_level(
     settings: dict[str, Any], found: Arrays, prefix: str, georeference: Georeference, is_sound: bool
 ) -> Level:
-    """Return the validated level whose array names begin with a prefix."""
+    """Remove the arrays of one model or level of detail from those of a file; return them, validated, as a `Level`.
+
+    found : all arrays of the file by name; prefix : with which the names of this level's arrays begin
+    is_sound : whether the tree has been validated before
+    """
     mine = {name.removeprefix(prefix): array for name, array in found.items() if name.startswith(prefix)}
     points = points_of(mine, georeference)
     radii, bounds = (
@@ -208,7 +228,10 @@ def _take_level(
 
 
 def check_level(tree: Tree, points: int) -> None:
-    """Raise a ValueError if a ray could leave a tree over `points` points, see `check_indices`."""
+    """Raise a ValueError if an index or number in a tree is out of range, so that no damaged file can crash a kernel.
+
+    points : number of points that the tree may refer to
+    """
     problems = check_indices(tree, points)
     if problems:
         raise ValueError(f"the model is damaged: {problems[0]}")

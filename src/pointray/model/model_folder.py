@@ -45,7 +45,7 @@ Report = Callable[[float], None]
 
 
 class LevelFile(NamedTuple):
-    """Entry of a part's level of detail in the index.
+    """A level of detail of a part, as described in the index of a model in parts.
 
     name : of the file; points : their number
     spacing : median of their radii
@@ -62,7 +62,7 @@ class LevelFile(NamedTuple):
 
 
 class PartFile(NamedTuple):
-    """Entry of a part in the index.
+    """A part, as described in the index of a model in parts.
 
     name : of the file; points : number of its own points; bounds : (2, 3) of these, world
     reach : (2, 3) bounds of all that rays can hit, relative to the origin; None: nothing
@@ -84,26 +84,27 @@ class PartFile(NamedTuple):
 
     @classmethod
     def of(cls, facts: dict[str, Any]) -> PartFile:
-        """Return the entry that `facts` describe."""
+        """Return the index entry of a part from its fields as read from JSON, a dict like `PartFile.facts`."""
         return cls(**{**facts, "levels": [LevelFile(**level) for level in facts["levels"]]})
 
     @property
     def facts(self) -> dict[str, Any]:
-        """The entry in a form that JSON can store."""
+        """Fields of the entry as JSON values, for the index file; `PartFile.of` makes the entry from them."""
         return {**self._asdict(), "levels": [level._asdict() for level in self.levels]}
 
 
 class Index(NamedTuple):
-    """Contents of the index.
+    """Contents of the index file of a model in parts.
 
-    id : stored in all files of the folder
+    id : hexadecimal number, stored in all files of the folder, by which files of another folder are recognised
     settings : of the model, in a form that JSON can store
     survey : georeference of the coordinates
     bounds : (2, 3), of all points, world
     supports : (6,) bounds of all supports, relative to the origin: a ray's samples start where it enters them
     longest : longest step of the samples in any part
     nbytes, sha256 : of the points' file
-    scattered : number of scattered points, which are the last ones
+    parts : the parts of the surface, then those of scattered points
+    scattered : number of scattered points (drawn as spheres or discs), which are the last ones
     """
 
     id: str
@@ -119,12 +120,12 @@ class Index(NamedTuple):
 
     @property
     def files(self) -> list[PartFile | LevelFile]:
-        """All parts, and all their levels of detail."""
+        """Entries of all parts, and of all their levels of detail."""
         return [*self.parts, *(level for part in self.parts for level in part.levels)]
 
 
 def digest_of(path: Path) -> tuple[int, str]:
-    """Return the size of a file in bytes and its SHA-256."""
+    """Return the size of a file in bytes and its SHA-256, a string of 64 hexadecimal digits."""
     with path.open("rb") as file:
         return os.fstat(file.fileno()).st_size, hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -132,10 +133,11 @@ def digest_of(path: Path) -> tuple[int, str]:
 def write_points(
     folder: Path, id: str, origin: NDArray[np.float64], columns: Mapping[str, Pieces], report: Report
 ) -> tuple[int, str]:
-    """Write the file of the points; return its `digest_of`.
+    """Write the file with the points of all parts of a model; return its size in bytes and its SHA-256.
 
-    columns : by their names in the file: points.positions and optionally points.normals and points.colors, then
-        attributes and radii
+    id : of the folder; origin : (3,) of the coordinates, world; report : called with the fraction done
+    columns : arrays or columns on disk by their names in the file: points.positions and optionally points.normals and
+        points.colors, then attributes and radii
     """
     points = {name: column for name, column in columns.items() if name.startswith("points.")}
     write_arrays(folder / POINTS, POINTS_KIND, {"folder": id}, {**points, "points.origin": origin, **columns}, report)
@@ -143,7 +145,14 @@ def write_points(
 
 
 def write_part(folder: Path, id: str, number: int, points: int, bounds: NDArray[np.float64], tree: Tree) -> PartFile:
-    """Write the file of a part; return its entry, with the spacing as if no points were scattered."""
+    """Write the file with the tree of a part; return its entry in the index, without levels of detail.
+
+    The entry's spacing is the median of all radii, as if no points were drawn as spheres or discs.
+
+    id : of the folder; number : of the part, from 0
+    points : number of the part's own points; bounds : (2, 3) of these, world
+    tree : over the part's splats and those of other parts that reach into it
+    """
     path = folder / f"part-{number:04d}.pointray"
     named = {f"tree.{name}": array for name, array in zip(Tree._fields, tree, strict=True)}
     kind = PART_KIND if tree.head[SCATTER] else PART_KIND._replace(version=SURFACE_ONLY)
@@ -155,7 +164,11 @@ def write_part(folder: Path, id: str, number: int, points: int, bounds: NDArray[
 
 
 def write_level(folder: Path, id: str, part: int, number: int, level: Level) -> LevelFile:
-    """Write the file of a part's level of detail; return its entry. number : 1 is the finest"""
+    """Write the file of a level of detail of a part; return its entry in the index.
+
+    id : of the folder; part : number of the part, from 0; number : of the level, 1 is the finest
+    level : its points, radii and tree
+    """
     path = folder / f"part-{part:04d}-{number}.pointray"
     model_file.write_model(path, [level], lambda share: None, {"folder": id, "part": part, "level": number})
     spacing = float(np.median(level.radii))
@@ -163,7 +176,7 @@ def write_level(folder: Path, id: str, part: int, number: int, level: Level) -> 
 
 
 def write_index(folder: Path, index: Index) -> None:
-    """Write the index. It is written last: a folder without an index is no model."""
+    """Write index.json, which lists the files of a model in parts, last: a folder without an index is no model."""
     facts = {**index._asdict(), "parts": [part.facts for part in index.parts]}
     if not index.scattered:
         del facts["scattered"]
@@ -174,9 +187,10 @@ def write_index(folder: Path, index: Index) -> None:
 
 
 def read_folder(path: str | os.PathLike[str]) -> tuple[Index, Level]:
-    """Return the index of a model in parts, and the whole: its points, memory-mapped, and an empty tree.
+    """Read the index of a model in parts, and its points, memory-mapped; return both.
 
-    File sizes are compared with the index. Parts and levels of detail are not opened.
+    The points come as a `Level` with the settings and bounds of the whole model and a tree without splats. File sizes
+    are compared with the index. Parts and levels of detail are not opened.
 
     Raises
     ------
@@ -202,7 +216,10 @@ def check_folder(path: str | os.PathLike[str]) -> None:
 
 
 def verify_folder(path: str | os.PathLike[str]) -> None:
-    """Raise a ValueError if a file of a folder differs from the one that its index describes."""
+    """Raise a ValueError if the size or SHA-256 of any file of a model in parts differs from the index.
+
+    Reads all files.
+    """
     folder = Path(path)
     index = _read_index(folder)
     expected = {file.name: (file.nbytes, file.sha256) for file in index.files} | {POINTS: (index.nbytes, index.sha256)}
@@ -283,9 +300,10 @@ def _read_points(folder: Path, index: Index) -> tuple[Points, NDArray[np.float32
 
 
 def read_part(folder: Path, index: Index, key: tuple[int, int], whole: Level, is_valid: bool = False) -> Level:
-    """Return a part with the points of the whole, memory-mapped and validated, see `read_folder`.
+    """Read and validate the file of a part; return its tree, memory-mapped, with all points and radii of the model.
 
-    key : the part's number, and 0; is_valid : whether the file was validated before and is unchanged
+    key : the part's number, and 0, which stands for the part itself; whole : all points, as `read_folder` returns them
+    is_valid : whether the tree was validated before and is unchanged, so that this is not repeated
     """
     part = index.parts[key[0]]
     path = folder / part.name
@@ -304,7 +322,11 @@ def read_part(folder: Path, index: Index, key: tuple[int, int], whole: Level, is
 
 
 def read_level(folder: Path, index: Index, key: tuple[int, int], whole: Level, is_valid: bool = False) -> Level:
-    """Return a level of detail of a part, likewise. key : number of the part, and of the level; 1 is the finest"""
+    """Read and validate the file of a part's level of detail; return its points, radii and tree, memory-mapped.
+
+    key : number of the part, and of the level, 1 is the finest; whole : all points, as `read_folder` returns them
+    is_valid : whether the tree was validated before and is unchanged, so that this is not repeated
+    """
     file = index.parts[key[0]].levels[key[1] - 1]
     path = folder / file.name
     with _named(path):
@@ -319,14 +341,17 @@ def read_level(folder: Path, index: Index, key: tuple[int, int], whole: Level, i
 
 
 def _check_leaves(tree: Tree, file: PartFile | LevelFile) -> None:
-    """Raise a ValueError if a longest leaf differs from the index, by which kernels allocate memory."""
+    """Raise a ValueError if the number of blocks in a tree's longest leaf differs from the index.
+
+    Kernels allocate memory by the number in the index.
+    """
     if longest_leaf(tree) != file.longest:
         raise ValueError(f"expected a longest leaf of {file.longest} blocks, got {longest_leaf(tree)}")
 
 
 @contextmanager
 def _named(path: Path) -> Iterator[None]:
-    """Prefix errors with a file's name."""
+    """Put the path of a file before the message of a ValueError raised in the `with` block."""
     try:
         yield
     except ValueError as error:
@@ -334,7 +359,7 @@ def _named(path: Path) -> Iterator[None]:
 
 
 def _check_size(path: Path, nbytes: int) -> None:
-    """Raise a ValueError if the size of a file differs from the index."""
+    """Raise a ValueError if a file does not have the size in bytes that the index of its folder states."""
     size = path.stat().st_size
     if size != nbytes:
         raise ValueError(f"expected {nbytes:,} bytes, got {size:,}: the file is truncated or belongs to another folder")

@@ -47,7 +47,7 @@ from .scan_inputs import check_not_input, check_scan, files_of, is_saved
 
 @dataclass(frozen=True)
 class Prepared:
-    """Result of `prepare`; `str` describes it in one line.
+    """Result of `prepare`: what was written; `str` describes it in one line.
 
     Attributes
     ----------
@@ -134,17 +134,20 @@ def prepare(
     drop_duplicates, drop_outliers : bool
         Drop equal positions, and points far away from all others; see `find_flaws`.
     drop_strays : bool
-        Drop points off the surface; see `find_strays`.
+        Drop points that belong to no surface; see `find_strays`.
     smooth : "auto" or float, optional
-        Move noisy points onto the surface; see the function `smooth`.
+        Move noisy points onto the surface; the standard deviation of the noise in the points' unit, "auto": measured.
+        See the function `smooth`.
     normals : {"auto", "file", "fit"}
-        The file's normals unless they are wrong, those of the file, or estimated ones.
+        "auto": the file's normals unless they are wrong; "file": those of the file; "fit": estimated ones.
     viewpoint : (3,) array_like, optional
         Scanner position, for `normals="fit"` and `drop_strays`, instead of that in the file.
     trajectory : path or Trajectory, optional
         Path of a moving scanner, for `normals="fit"`; see `eyes_along`.
-    scatter, scatter_size : str, float
-        How a model draws points on no surface; see `Model`.
+    scatter : {"auto", "spheres", "discs", "surface", "none"}
+        How a model draws points that lie on no surface, such as leaves and wires; see `Model`.
+    scatter_size : float
+        Factor for the radii of points drawn as spheres or discs.
     levels : bool
         Whether a model gets levels of detail, a third more bytes.
     in_parts : bool, optional
@@ -157,8 +160,13 @@ def prepare(
         and continues. Default: the available memory.
     force : bool
         Whether `out` may be one of the inputs.
-    columns, every, max_points, bounds, keep, drop, resolution, sample, opacity, intrinsics, strict : optional
-        What to read; see `read`.
+    columns : str or sequence of str, optional
+        Names of the columns of a text file; see `read`.
+    every, max_points, bounds, keep, drop : optional
+        Which points to read: every n-th row, at most this many evenly spread rows, a world box (2, 3), attribute values
+        to keep or to drop; see `read`.
+    resolution, sample, opacity, intrinsics, strict : optional
+        How to read files with levels of detail, meshes, Gaussian splats, depth images and damaged files; see `read`.
     client : dask.distributed.Client, optional
         Its workers make the parts of a model in parts. They must be able to write to the folder.
     progress : callable, optional
@@ -167,6 +175,7 @@ def prepare(
     Returns
     -------
     Prepared
+        The path that was written, the number of points and parts, and descriptions of the steps.
 
     Raises
     ------
@@ -205,7 +214,7 @@ def prepare(
 
 
 class Plan(NamedTuple):
-    """Work to do.
+    """Checked inputs and options of a call of `prepare`.
 
     Attributes
     ----------
@@ -213,7 +222,7 @@ class Plan(NamedTuple):
         Scans, or one saved model.
     options : PreparationOptions
     by_parts : bool
-        Whether a model in parts is made part by part.
+        Whether to make a model in parts one part at a time, without all points in memory.
     """
 
     files: list[Path]
@@ -222,7 +231,7 @@ class Plan(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Name of the scan in messages."""
+        """Name of the scan in messages: the path of its only file, or the number of files."""
         return str(self.files[0]) if len(self.files) == 1 else f"{len(self.files):,} files"
 
     @property
@@ -232,7 +241,11 @@ class Plan(NamedTuple):
 
 
 class Result(NamedTuple):
-    """Prepared points, the model of them if one is to be written, and descriptions of the steps."""
+    """Result of the steps of `prepare` that run in memory, before it is written.
+
+    points : the prepared points; model : the model of them, None if points are to be written
+    steps : descriptions of what was done to the points
+    """
 
     points: Points
     model: Model | None
@@ -240,7 +253,10 @@ class Result(NamedTuple):
 
 
 def plan_preparation(paths: Any, options: PreparationOptions) -> Plan:
-    """Check the files; return the work to do."""
+    """Find and check the input files of `prepare`; decide whether a model is made one part at a time.
+
+    paths : files or folders, as given to `prepare`
+    """
     files, storage, named = files_of(paths), options.storage, options.named
     plan = Plan(files, options, False)
     saved = next(filter(is_saved, files), None)
@@ -258,7 +274,13 @@ def plan_preparation(paths: Any, options: PreparationOptions) -> Plan:
 
 
 def _goes_by_parts(plan: Plan) -> bool:
-    """Whether to make a model part by part: for workers, for large scans, or because an earlier run began so."""
+    """Return whether to make a model one part at a time: for workers, for large scans, or to resume such a run.
+
+    Raises
+    ------
+    ValueError
+        If it is necessary, but an option requires all points in memory, or if workers cannot split a saved model.
+    """
     options = plan.options
     shared, memory, named = options.shared, options.storage.memory, options.named
     if plan.is_saved:
@@ -276,7 +298,10 @@ def _goes_by_parts(plan: Plan) -> bool:
 
 
 def prepare_by_parts(plan: Plan, client: Any = None, progress: StageProgress | None = None) -> Prepared:
-    """Make a model in parts, part by part."""
+    """Make a model in parts from scans, one part at a time, and write it; return what was written.
+
+    client : Dask client whose workers make the parts; None: this process
+    """
     storage, reading = plan.options.storage, plan.options.reading
     settings = check_settings(SURFACE, 4, 1, "auto"), AUTO, storage.drawing
     most = part_points_for(client, storage.memory)
@@ -287,7 +312,7 @@ def prepare_by_parts(plan: Plan, client: Any = None, progress: StageProgress | N
 
 
 def prepare_in_memory(plan: Plan, progress: StageProgress | None = None) -> Result:
-    """Read a scan and do all steps."""
+    """Read a scan or a saved model and do all steps on its points, in memory; build a model if one is to be written."""
     options, report = plan.options, progress or ignore_progress
     path = options.normals.trajectory
     if isinstance(path, str | os.PathLike):  # errors in it come before a large scan is read
@@ -313,7 +338,7 @@ def prepare_in_memory(plan: Plan, progress: StageProgress | None = None) -> Resu
 
 
 def write_result(plan: Plan, result: Result, progress: StageProgress | None = None) -> Prepared:
-    """Write the points or the model."""
+    """Write the prepared points, or the model as a file or in parts; return what was written."""
     storage, points, model = plan.options.storage, result.points, result.model
     if model is None:
         write(storage.out, points, progress)
@@ -328,7 +353,7 @@ def write_result(plan: Plan, result: Result, progress: StageProgress | None = No
 
 
 def _read(plan: Plan, report: StageProgress) -> Points:
-    """Read a scan."""
+    """Read all files of a scan as one cloud, without strays if the options drop these."""
     reading, viewpoint = plan.options.reading, plan.options.normals.viewpoint
     with open_files(plan.files, reading.request) as files:
         points = gather(files, reading.selection, in_stage(report, "reading"))
@@ -338,7 +363,15 @@ def _read(plan: Plan, report: StageProgress) -> Points:
 def _prepared(
     points: Points, options: PreparationOptions, report: StageProgress, is_scan: bool
 ) -> tuple[Points, list[str]]:
-    """Return the points after all steps, and descriptions of the steps."""
+    """Drop, smooth and subsample points and give them normals, as the options say.
+
+    Returns
+    -------
+    points : Points
+        The points after all steps.
+    steps : list of str
+        Descriptions of the steps, for the user.
+    """
     cleaning = options.cleaning
     done: list[str] = []
     if cleaning.drop_duplicates or cleaning.drop_outliers:
@@ -359,7 +392,7 @@ def _prepared(
 
 
 def _cleaned(points: Points, cleaning: Cleaning, done: list[str], report: StageProgress) -> Points:
-    """Drop duplicates and outliers; append descriptions to `done`."""
+    """Return the points without duplicates and outliers, if these are to be dropped; append descriptions to `done`."""
     report("cleaning", 0.0)
     flaws = find_flaws(points, report)
     drop = np.zeros(len(points), np.bool_)
@@ -372,7 +405,7 @@ def _cleaned(points: Points, cleaning: Cleaning, done: list[str], report: StageP
 
 
 def _with_normals(points: Points, choice: NormalsChoice, done: list[str], report: StageProgress) -> Points:
-    """Estimate normals; append descriptions to `done`."""
+    """Return the points with estimated normals, turned to the scanner if it is known; append descriptions to `done`."""
     report("normals", 0.0)
     viewpoint = choice.viewpoint
     if choice.trajectory is not None:
@@ -383,7 +416,10 @@ def _with_normals(points: Points, choice: NormalsChoice, done: list[str], report
 
 
 def _subsampled(points: Points, cleaning: Cleaning, done: list[str], report: StageProgress) -> Points:
-    """Subsample points, which get their radii as an attribute; append a description to `done`."""
+    """Return a subsample of the points, with support radii as the attribute "radius"; append its description.
+
+    done : descriptions of the steps, which the description is appended to
+    """
     limit = None
     if cleaning.tolerance is not None:
         limit = cleaning.limit(float(np.linalg.norm(np.subtract(*points.bounds))))
@@ -397,7 +433,10 @@ def _subsampled(points: Points, cleaning: Cleaning, done: list[str], report: Sta
 
 
 def _describe_fit(found: Subsample, limit: float | None) -> str:
-    """Return a description of how well the surface of the kept points fits all points."""
+    """Return text about the share of all points within a distance of the subsample's surface; empty without a limit.
+
+    limit : the tolerance, in the points' unit; None if a number of points was wanted
+    """
     if limit is None:
         return ""
     if found.met:
@@ -406,7 +445,10 @@ def _describe_fit(found: Subsample, limit: float | None) -> str:
 
 
 def _model_of(points: Points, saved: Model | None, options: PreparationOptions, report: StageProgress) -> Model:
-    """Make a model of points. saved : the model whose surface and drawing it gets"""
+    """Make a model of points.
+
+    saved : an existing model whose surface settings and drawing of scattered points it gets; None: as the options say
+    """
     settings = check_settings(SURFACE, 4, 1, AUTO) if saved is None else saved.settings
     drawing = options.storage.drawing if saved is None else saved.drawing
     scatter, size = (AUTO, 1.0) if drawing is None else drawing

@@ -32,13 +32,17 @@ READ = (
 
 
 def named_argument(what: str) -> str:
-    """Return how messages name an option of `prepare`, or one of the values in VALUES."""
+    """Return how messages name an option of `prepare`, or one of its values: "fit" gives "normals='fit'"."""
     return VALUES.get(what, what)
 
 
 @dataclass(frozen=True)
 class ReadOptions:
-    """Which points are read, and how."""
+    """Which points `prepare` reads from its files, and how.
+
+    request : options of the formats, such as the columns of a text file; selection : conditions on the rows to read
+    drop_strays : whether to drop points that belong to no surface
+    """
 
     request: Request = Request()
     selection: Selection = Selection()
@@ -46,7 +50,7 @@ class ReadOptions:
 
     @property
     def unusual(self) -> list[str]:
-        """Names of options that differ from the defaults."""
+        """Names of the options of reading that differ from the defaults."""
         found = []
         for name in READ:
             given, usual = (
@@ -63,7 +67,13 @@ _READ_ALL = ReadOptions()
 
 @dataclass(frozen=True)
 class Cleaning:
-    """Steps that change the points, see `prepare`."""
+    """Options of `prepare` that drop or move points.
+
+    tolerance : drop points while the surface changes by at most this: a length, or a share of the diagonal like "0.05%"
+    count : number of points to keep instead
+    drop_duplicates, drop_outliers : drop equal positions; drop points far away from all others
+    smooth : standard deviation of the noise to remove, or "auto"; None: no smoothing
+    """
 
     tolerance: float | str | None = None
     count: int | None = None
@@ -72,14 +82,20 @@ class Cleaning:
     smooth: float | str | None = None
 
     def limit(self, diagonal: float) -> float | None:
-        """Return the tolerance in the points' unit; None without. diagonal : of the points' bounds"""
+        """Return the tolerance in the points' unit; None if there is no tolerance.
+
+        diagonal : length of the diagonal of the points' bounds, for a tolerance that is a share of it
+        """
         if self.tolerance is None:
             return None
         share = isinstance(self.tolerance, str) and self.tolerance.endswith("%")
         return _number(self.tolerance) * (diagonal if share else 1.0)
 
     def check(self, named: Named) -> None:
-        """Raise an error if an option is invalid."""
+        """Raise an error if an option is invalid.
+
+        named : takes the name of an option and returns how messages name it, such as "--smooth" for "smooth"
+        """
         if self.tolerance is not None:
             _check_tolerance(self.tolerance, named("tolerance"))
             if self.count is not None:
@@ -93,14 +109,23 @@ class Cleaning:
 
 @dataclass(frozen=True)
 class NormalsChoice:
-    """Where normals come from, see `prepare`."""
+    """Where the normals of a scan come from.
+
+    normals : "auto" (the file's unless they are wrong), "file" or "fit" (estimated)
+    viewpoint : (3,) scanner position that estimated normals face, or None
+    trajectory : path of a moving scanner: `Trajectory`, path of a file, or None
+    """
 
     normals: str = AUTO
     viewpoint: Any = None
     trajectory: Any = None
 
     def check(self, named: Named, drop_strays: bool) -> None:
-        """Raise an error if an option is invalid, or does not apply."""
+        """Raise an error if an option is invalid, or does not apply to the others.
+
+        named : takes the name of an option and returns how messages name it, such as "--viewpoint" for "viewpoint"
+        drop_strays : whether strays are dropped
+        """
         fitted = check_choice(self.normals, "normals", NORMALS) == "fit"
         if self.viewpoint is not None:
             vector(self.viewpoint, named("viewpoint"))
@@ -118,7 +143,13 @@ class NormalsChoice:
 
 @dataclass(frozen=True)
 class Storage:
-    """The result and how it is stored, see `prepare`."""
+    """The file or folder that `prepare` writes, and how.
+
+    out : saved model or file of points; in_parts : whether to write a folder with a model in parts
+    part_points : largest number of points of a part; memory : bytes of memory to use; None: default
+    levels : whether a model gets levels of detail; force : whether `out` may be one of the inputs
+    scatter, scatter_size : how a model draws points that lie on no surface, and a factor for their radii
+    """
 
     out: Path
     in_parts: bool = False
@@ -131,17 +162,21 @@ class Storage:
 
     @property
     def is_model(self) -> bool:
-        """Whether the result is a model instead of points."""
+        """Whether the result is a model (.pointray) instead of a file of points."""
         return self.out.suffix.lower() == SAVED
 
     @property
     def drawing(self) -> Drawing | None:
-        """How to draw scattered points; None if no option sets it."""
+        """How a model draws points that lie on no surface; None if neither option differs from its default."""
         size = float(self.scatter_size)
         return None if self.scatter == AUTO and size == 1.0 else Drawing(self.scatter, size)
 
     def check(self, named: Named, shared: bool) -> None:
-        """Raise an error if an option is invalid, or the result cannot be written. shared : whether workers write it"""
+        """Raise an error if an option is invalid, or the result cannot be written.
+
+        named : takes the name of an option and returns how messages name it, such as "--memory" for "memory"
+        shared : whether workers of a cluster write the parts
+        """
         check_drawing(self.scatter, self.scatter_size)
         for name in ("in_parts", "levels", "force"):
             check_flag(getattr(self, name), named(name))
@@ -164,14 +199,23 @@ class Storage:
 
 @dataclass(frozen=True)
 class PreparationOptions:
-    """All options of `prepare`.
+    """All options of `prepare`; invalid ones raise an error when this is created.
 
     Attributes
     ----------
+    storage : Storage
+        What to write.
+    cleaning : Cleaning
+        Which points to drop or move.
+    normals : NormalsChoice
+        Where normals come from.
+    reading : ReadOptions
+        Which points to read.
     shared : bool
         Whether workers of a client make the parts.
     named : callable
-        Takes the name of an option, "fit" or "file" (values of normals); returns how messages name it.
+        Takes the name of an option, or "fit" or "file" (values of normals); returns how messages name it, such as
+        "--memory" for "memory" on the command line.
     """
 
     storage: Storage
@@ -189,7 +233,7 @@ class PreparationOptions:
 
     @property
     def in_memory(self) -> list[str]:
-        """Names of the options that require all points in memory."""
+        """Names of the given options that require all points in memory, so that a model cannot be made part by part."""
         cleaning, normals = self.cleaning, self.normals
         given = {
             "tolerance": cleaning.tolerance is not None,
@@ -215,7 +259,7 @@ def _check_tolerance(value: float | str, name: str) -> None:
 
 
 def _number(value: float | str) -> float:
-    """Return a number, or a percentage as a share; NaN if it is neither."""
+    """Return the number in a text or a number, a percentage as a share ("5%" is 0.05); NaN if it is neither."""
     try:
         if isinstance(value, str) and value.endswith("%"):
             return float(value[:-1]) / 100

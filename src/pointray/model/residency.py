@@ -25,14 +25,17 @@ MOST_OPEN = 400  # open files: each mapped file takes one of the descriptors of 
 
 
 class Key(NamedTuple):
-    """Key of a file. level : 0 for the part itself, 1 for its finest level of detail"""
+    """Key of a file of a model in parts.
+
+    part : number of the part; level : 0 for the part itself, 1 for its finest level of detail
+    """
 
     part: int
     level: int
 
 
 class Opened(NamedTuple):
-    """An open file. data : its mapped arrays; nbytes : its size"""
+    """An open file of a model in parts. data : its mapped arrays and its settings; nbytes : size of the file"""
 
     data: ModelData
     nbytes: int
@@ -41,12 +44,16 @@ class Opened(NamedTuple):
 class ResidencyCache:
     """Cache of the open parts and levels of detail of a model in a folder. Thread-safe.
 
+    Beyond the budget the least recently used files are closed.
+
     Parameters
     ----------
     folder : Path
+        The folder of the model.
     index : Index
+        Contents of its index file.
     whole : Level
-        The whole: all points, and a tree without splats.
+        All points of the model, and a tree without splats.
     budget : int, optional
         Bytes of files that are open at once. Default: half of the available memory.
 
@@ -72,12 +79,12 @@ class ResidencyCache:
         return self._index.longest
 
     def file(self, key: Key) -> PartFile | LevelFile:
-        """Return the entry of a file in the index."""
+        """Return the description of a file in the index: its name, size, number of points and spacing."""
         part = self._index.parts[key.part]
         return part.levels[key.level - 1] if key.level else part
 
     def find(self, key: Key) -> ModelData | None:
-        """Return the data of a file if it is open, which counts as a use; else None."""
+        """Return the arrays and settings of a part or level if its file is open, which counts as a use; else None."""
         with self._lock:
             found = self._open.get(key)
             if found is None:
@@ -86,7 +93,7 @@ class ResidencyCache:
             return found.data
 
     def open(self, key: Key) -> ModelData:
-        """Return the data of a file; open and validate it if necessary.
+        """Return the arrays and settings of a part or level; open and validate its file if it is not open.
 
         Raises
         ------
@@ -114,12 +121,15 @@ class ResidencyCache:
 
     @property
     def room(self) -> int:
-        """Bytes of the budget for files that can be closed: all but the coarsest levels, which stay open."""
+        """Bytes of the budget for files that can be closed: without the coarsest levels of detail, which stay open."""
         with self._lock:
             return self.budget - sum(opened.nbytes for key, opened in self._open.items() if self.is_kept(key))
 
     def is_kept(self, key: Key) -> bool:
-        """Return whether a file stays open: the coarsest level of a part, which can stand in for all others."""
+        """Return whether a file stays open once opened: the coarsest level of a part.
+
+        It can stand in for the others.
+        """
         return key.level > 0 and key.level == len(self._index.parts[key.part].levels)
 
     def is_open(self, key: Key) -> bool:
@@ -147,7 +157,10 @@ class ResidencyCache:
         return Opened(data, file.nbytes)
 
     def _close_surplus(self, newest: Key) -> list[Tree]:
-        """Remove files beyond the budget from the cache; return their trees."""
+        """Remove the least recently used files beyond the budget from the cache; return their trees.
+
+        newest : key of the file just opened, which is kept
+        """
         closed: list[Tree] = []
         total = sum(opened.nbytes for opened in self._open.values())
         closable = [key for key in self._open if key != newest and not self.is_kept(key)]
@@ -161,30 +174,33 @@ class ResidencyCache:
 
 
 class Source(NamedTuple):
-    """The file of a part or level of detail, and the cache through which it is opened."""
+    """The file of a part or level of detail, and the cache through which it is opened.
+
+    key : number of the part, and of the level (0: the part itself)
+    """
 
     cache: ResidencyCache
     key: Key
 
     def open(self) -> ModelData:
-        """See `ResidencyCache.open`."""
+        """Return the arrays and settings in the file; open and validate it if it is not open."""
         return self.cache.open(self.key)
 
     def find(self) -> ModelData | None:
-        """See `ResidencyCache.find`."""
+        """Return the arrays and settings in the file if it is open, which counts as a use; else None."""
         return self.cache.find(self.key)
 
     @property
     def is_open(self) -> bool:
-        """See `ResidencyCache.is_open`."""
+        """Whether the file is open; asking does not count as a use."""
         return self.cache.is_open(self.key)
 
     @property
     def is_kept(self) -> bool:
-        """See `ResidencyCache.is_kept`."""
+        """Whether the file stays open once opened: the coarsest level of a part. It can stand in for the others."""
         return self.cache.is_kept(self.key)
 
     @property
     def file(self) -> PartFile | LevelFile:
-        """Entry of the file in the index."""
+        """Description of the file in the index: its name, size, number of points and spacing."""
         return self.cache.file(self.key)

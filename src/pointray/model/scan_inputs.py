@@ -19,19 +19,25 @@ FEW = 3  # files that a note names
 
 
 def is_saved(file: Path) -> bool:
-    """Whether a path has the extension of saved models, which are files, or folders if in parts."""
+    """Return whether a path has the extension of saved models (.pointray): files, or folders of models in parts."""
     from .model_file import SAVED
 
     return file.suffix.lower() == SAVED
 
 
 def is_in_parts(file: Path) -> bool:
-    """Whether a path is that of a model in parts."""
+    """Return whether a path is an existing folder with the extension of saved models (.pointray): a model in parts."""
     return is_saved(file) and file.is_dir()
 
 
 def files_of(paths: Paths) -> list[Path]:
-    """Return the files of some paths, for a folder the scans in it; an error if one is missing."""
+    """Return the files of some paths, for a folder the scans in it; folders of models in parts stay one path.
+
+    Raises
+    ------
+    OSError, ValueError
+        If a file is missing, is no regular file or is given twice, or if there is no file at all.
+    """
     from ..base.arguments import check_path
     from ..base.atomic_write import check_regular
 
@@ -53,7 +59,10 @@ def files_of(paths: Paths) -> list[Path]:
 
 
 def check_scan(file: Path, request: Request | None = None) -> None:
-    """Raise an error if a scan or a saved model cannot be opened, or a scan's header is wrong."""
+    """Raise an error if a scan or a saved model cannot be opened, or a scan's header is wrong.
+
+    request : options of reading, such as the columns of a text file; they apply to scans only
+    """
     from ..base.atomic_write import check_regular
     from ..io.files import check_readable
     from .model_folder import check_folder
@@ -67,7 +76,7 @@ def check_scan(file: Path, request: Request | None = None) -> None:
 
 
 def _scans_in(folder: Path) -> list[Path]:
-    """Return the readable files of a folder, sorted by name; warn about the others."""
+    """Return the readable scans directly in a folder, sorted by name; warn about files that are not scans."""
     from ..io.known_formats import extensions
     from ..io.unpacking import PACKED
 
@@ -92,9 +101,9 @@ def _scans_in(folder: Path) -> list[Path]:
 
 
 def check_result(output: Path, *others: str) -> None:
-    """Raise an error, before any work is done, if points cannot be written to a file.
+    """Raise an error, before any work is done, if points cannot be written to the file `output`.
 
-    others : extensions besides those of points that the command writes
+    others : further extensions that the command can write, such as ".pointray" for models
     """
     from ..base.atomic_write import check_writable, unsupported_extension
     from ..io.known_formats import writer_of, written
@@ -108,7 +117,10 @@ def check_result(output: Path, *others: str) -> None:
 
 
 def check_not_input(files: Sequence[Path], output: Path, force: bool, option: str = "--force") -> None:
-    """Raise ValueError if the result would overwrite an input. option : that allows it, for the message"""
+    """Raise a ValueError if the result `output` would overwrite one of the input files and `force` is not set.
+
+    option : name of the option that allows it, for the message
+    """
     if force or not output.exists():
         return
     if any(file.exists() and os.path.samefile(file, output) for file in files):

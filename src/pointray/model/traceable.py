@@ -20,7 +20,7 @@ from .residency import Source
 
 
 class TraceableModel:
-    """What scenes, images and files read of a model.
+    """Base class of models: what scenes, images and files read of one.
 
     Attributes
     ----------
@@ -29,7 +29,7 @@ class TraceableModel:
     parts : tuple of TraceableModel
         Parts of a model in a folder. Empty for other models.
     source : Source or None
-        The file of a part or level of detail that is on disk.
+        The file of a part or level of detail that is on disk, and the cache through which it is opened.
     """
 
     levels: tuple[TraceableModel, ...] = ()
@@ -40,7 +40,7 @@ class TraceableModel:
 
     @property
     def data(self) -> ModelData:
-        """Arrays and settings."""
+        """Arrays and settings of the model."""
         return self._data
 
     @property
@@ -60,37 +60,43 @@ class TraceableModel:
 
     @property
     def settings(self) -> TreeSettings:
-        """Settings of the tree."""
+        """Settings of the tree: the implicit surface, the samples along a ray, limits of hits and the voxel size."""
         return self.data.settings
 
     @property
     def surface(self) -> str:
-        """The implicit surface: "paper", "imls", "apss" or "disc"."""
+        """The implicit surface: "paper" (blended planes), "imls" (mean distance), "apss" (fitted spheres) or "disc"."""
         return self.data.settings.surface
 
     @property
     def smooth(self) -> str | float:
-        """Standard deviation of the noise that was removed, or "auto"."""
+        """Standard deviation of the noise that was removed from the positions, in their unit, or "auto": measured."""
         return self.data.smooth
 
     @property
     def drawing(self) -> Drawing:
-        """How scattered points are drawn."""
+        """How points that lie on no surface are drawn, such as "spheres" or "surface", and a factor for their radii."""
         return self.data.drawing
 
     @property
     def place(self) -> Place | None:
-        """The file that holds this model as it is now, if there is one."""
+        """The file or folder that holds this model as it is now, None if there is none.
+
+        Other processes open the model by it.
+        """
         if self._saved is None or not self._saved[0].is_there:
             return None
         place, levels = self._saved
         return replace(place, leveled=bool(self.levels)) if self.levels is levels or not self.levels else None
 
     def check_whole(self) -> None:
-        """Raise a ValueError for a model in parts."""
+        """Raise a ValueError if the model is in parts, for callers that need all arrays in memory.
+
+        This class does nothing.
+        """
 
     def align_tree(self) -> None:
-        """Copy the arrays of the tree that kernels cannot read as they are, such as those of a message."""
+        """Copy arrays of the tree whose memory is not aligned, such as those of a message: kernels cannot read them."""
         if not all(array.flags.aligned for array in self.tree):
             tree = Tree(*(np.require(array, requirements=["A", "C", "W"]) for array in self.tree))
             self._data = self.data._replace(tree=tree)
@@ -102,13 +108,14 @@ class TraceableModel:
 
     @property
     def splats(self) -> tuple[Points, NDArray[np.int64]]:
-        """The points as rays meet them: denoised, with unit normals. New arrays.
+        """The points as rays meet them: with the denoised positions and unit normals of their splats. New arrays.
 
         Returns
         -------
         points : Points
+            The m points that have a splat.
         rows : (m,) int64
-            The row of each in `points`, ascending.
+            The row of each in `points` of the model, ascending.
         """
         self.check_whole()
         rows, positions, normals, _ = stored_splats(self.tree)
@@ -141,16 +148,17 @@ class TraceableModel:
 
     @cached_property
     def spacing(self) -> float:
-        """Median of `radii`, in the points' unit; rows that are left out count with radius 0.
+        """Median of `radii`, in the points' unit, without those of points drawn as spheres or discs.
 
         It stands for the spacing of the points. Radii chosen by the model are about 1.15 times the spacing of an even
-        cloud, which is the square root of its area per point. Given radii and `radius_scale` change it.
+        cloud, which is the square root of its area per point. Given radii and `radius_scale` change it. Rows that are
+        left out count with radius 0 if no point is drawn as a sphere or disc.
         """
         return self.data.spacing
 
     @cached_property
     def longest(self) -> int:
-        """Number of blocks in the longest leaf."""
+        """Number of blocks in the longest leaf; kernels allocate memory by it."""
         return self.data.longest
 
     @property

@@ -46,7 +46,7 @@ def _check_name(name: str) -> None:
 
 @cache
 def solid(name: str) -> Solid:
-    """Return the solid with a name, in the form that kernels take."""
+    """Return the solid with the name of a procedural model, in the form that kernels take; computed once."""
     if name == "statue":
         return statue()
     kind = {"sphere": solids.SPHERE, "torus": solids.TORUS, "lattice": solids.LATTICE}[name]
@@ -55,7 +55,7 @@ def solid(name: str) -> Solid:
 
 
 def _bounds(name: str) -> NDArray[np.float64]:
-    """Return a box that contains the surface, (2, 3)."""
+    """Return a box that contains the surface of a procedural model with a margin, (2, 3)."""
     if name == "statue":
         body = solid(name)
         return np.stack([body.origin, body.origin + np.array(body.lists.shape) * body.cell])
@@ -67,16 +67,19 @@ def _bounds(name: str) -> NDArray[np.float64]:
 
 @cache
 def mesh(name: str) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """Return vertices and faces of a closed mesh near the surface."""
+    """Return a closed triangle mesh near the surface of a procedural model: vertices, (v, 3), and faces, (f, 3).
+
+    It is computed once.
+    """
     low, high = _bounds(name)
     return mesh_solid(solid(name), low, high, _MESH_CELL[name])
 
 
 @cache
 def area(name: str) -> float:
-    """Return the area of a model's surface, to about a thousandth.
+    """Return the area of the surface of a procedural model, to about a thousandth; computed once.
 
-    The mesh is refined once, its new vertices are moved onto the surface, and the error, proportional to the square of
+    A mesh is refined once, its new vertices are moved onto the surface, and the error, proportional to the square of
     the edge length, is removed by extrapolation.
     """
     _check_name(name)
@@ -91,7 +94,10 @@ def area(name: str) -> float:
 
 @kernel
 def _finish(work: Array, solid: Solid, positions: Array, normals: Array, colors: Array) -> None:
-    """Move points onto the exact surface, and compute normals and colours there."""
+    """Move points, (n, 3) float32, onto the exact surface of a solid, and write the normals and colours there.
+
+    positions : changed in place; normals : (n, 3) float32, unit, written; colors : (n, 3) uint8, written
+    """
     solid = borrow(solid)
     t = next_tile(work)
     while t >= 0:
@@ -110,13 +116,23 @@ def _finish(work: Array, solid: Solid, positions: Array, normals: Array, colors:
 
 
 def sample(name: str, n: int, seed: int = 0) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]:
-    """Return points of a model as arrays; see `procedural`.
+    """Sample a procedural model: blue noise on its exact surface, as arrays.
+
+    Parameters
+    ----------
+    name : {"statue", "sphere", "torus", "lattice"}
+    n : int
+        Number of points.
+    seed : int
+        Seed of the random numbers.
 
     Returns
     -------
     positions : (n, 3) float32
     normals : (n, 3) float32
+        Exact, unit length.
     colors : (n, 3) uint8
+        sRGB.
     """
     _check_name(name)
     n, seed = check_whole(n, "n", 1, MOST), check_whole(seed, "seed", 0, 2**63 - 1)
@@ -172,7 +188,7 @@ def procedural_distance(name: str, x: ArrayLike) -> Any:
     Parameters
     ----------
     name : {"statue", "sphere", "torus", "lattice"}
-        As for `procedural`.
+        Name of the model, as for `procedural`.
     x : (..., 3) array_like of float
         Positions.
 
@@ -190,9 +206,10 @@ def procedural_distance(name: str, x: ArrayLike) -> Any:
 
     Notes
     -----
-    The sphere and the torus have closed formulas. The lattice and the statue are blends, whose nearest surface point is
-    found iteratively: the result is f / |grad f| close to the surface, the Euclidean distance to 1% within 0.03 of it,
-    and to 2% within 0.1, as measured (a relief has many locally nearest points). It is never less than the distance.
+    The sphere and the torus have closed formulas. The lattice and the statue are blends of shapes, the zero set of a
+    smooth function f, whose nearest surface point is found iteratively: the result is f / |grad f| within 1e-6 of the
+    surface, the Euclidean distance to 1% within 0.03 of it, and to 2% within 0.1, as measured (a relief has many
+    locally nearest points). Its size is never less than that of the exact distance.
 
     Examples
     --------

@@ -33,7 +33,10 @@ def sculpt_plinth(clay: Clay) -> None:
 
 
 def _torso(clay: Clay, grow: float, **stroke: Any) -> None:
-    """Add chest, shoulders and the stumps of the arms, enlarged for the cloth that covers them."""
+    """Add chest, shoulders and stumps of the arms to a sculpture made of strokes, shapes that add or remove clay.
+
+    grow : length by which they are enlarged, for a layer of cloth over the body; stroke : colour, blending, operation
+    """
     g = grow
     clay.ellipsoid((0, 0.03, 0.80), (0.35 + g, 0.19 + g, 0.40 + g), width=0.05, **stroke)
     clay.tube(
@@ -57,7 +60,10 @@ def _torso(clay: Clay, grow: float, **stroke: Any) -> None:
 
 
 def sculpt_bust(clay: Clay) -> None:
-    """Model the cloth, then its folds, then the neckline, then the skin below, and the neck after rounding the foot."""
+    """Model neck and draped shoulders: cloth, its folds, the neckline, the skin below, and the neck.
+
+    The order matters: the neck comes after the foot of the bust has been rounded by a cut.
+    """
     _torso(clay, 0.040, color=GOLD)
     clay.ellipsoid((0.42, 0.05, 0.72), (0.36, 0.60, 0.75), (0, -38, 0), op=CUT, width=0.02)
     clay.ellipsoid((0.42, 0.05, 0.72), (0.34, 0.585, 0.73), (0, -38, 0), op=PAINT, width=0.003, color=MANTLE)

@@ -18,9 +18,13 @@ _CHUNK = 64
 
 @kernel
 def _select(work: Array, solid: Solid, centers: Array, parents: Array, half: float, out: Array, near: Array) -> None:
-    """Select the strokes of each cell from its parent's list, by interval arithmetic over the ball around the cell.
+    """Select the strokes (shapes that add or remove clay) that can change the surface of a sculpture in each grid cell.
 
-    out[i, 0] is their number, out[i, 1:] their indices; near[i] is 1 if the surface may pass through the cell.
+    It is done by interval arithmetic over a ball around the cell.
+
+    centers : (cells, 3); parents : (cells,) the list of strokes that each cell selects from; half : radius of the ball
+    out : out[i, 0] is set to the number of strokes of cell i, out[i, 1:] to their indices
+    near : near[i] is set to 1 if the surface may pass through the cell
     """
     solid = borrow(solid)
     table = solid.table
@@ -67,17 +71,20 @@ def _select(work: Array, solid: Solid, centers: Array, parents: Array, half: flo
 
 
 def _subdivide(centers: NDArray[np.float64], edge: float) -> NDArray[np.float64]:
-    """Return the centres of the eight octants of each cell."""
+    """Return the centres of the eight octants of each cubic cell, (8 n, 3), cell by cell. edge : of the cells"""
     corners = np.array([(i, j, k) for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], np.float64)
     return np.asarray((centers[:, None] + corners * (edge / 4)).reshape(-1, 3))
 
 
 def clay_solid(table: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64], cell: float) -> Solid:
-    """Return the strokes with their cells, refined in three halvings where the surface passes.
+    """Return a solid made of strokes (shapes that add or remove clay), with a list of those near each grid cell.
+
+    Cells are halved three times where the surface passes through them.
 
     Parameters
     ----------
     table : (strokes, clay.COLUMNS) float64
+        One row per stroke.
     low, high : (3,) float64
         A box that contains the surface, with a margin.
     cell : float

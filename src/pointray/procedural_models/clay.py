@@ -29,10 +29,18 @@ FAR = 10.0  # the field before the first stroke
 
 
 class Solid(NamedTuple):
-    """A solid, in the form that kernels take. Only clay uses `table` and the cells that follow.
+    """A solid with a smooth surface, in the form that kernels take.
 
-    Each cell has a list of the strokes that can change the surface inside it: `items[starts[l] : starts[l + 1]]`
-    with `l = lists[cell]`. List 0 holds every stroke and is used outside the cells.
+    It is a sphere, a torus, a lattice, or clay: a sculpture made of strokes, which are shapes that add, carve, cut,
+    emboss or paint clay one after the other. Only clay uses the other fields. Each cell of a grid has a list of the
+    strokes that can change the surface inside it: `items[starts[l] : starts[l + 1]]` with `l = lists[cell]`. List 0
+    holds every stroke and is used outside the cells.
+
+    kind : SPHERE, TORUS, LATTICE or CLAY
+    table : (strokes, COLUMNS), one row per stroke
+    lists : (nx, ny, nz) number of each cell's list
+    starts : (number of lists + 1,); items : numbers of strokes, list after list
+    origin : (3,) lower corner of the cells; cell : edge of a cell
     """
 
     kind: int
@@ -46,7 +54,10 @@ class Solid(NamedTuple):
 
 @inline
 def local(table: Array, i: int, x: float, y: float, z: float) -> Vec3:
-    """Transform a point to the axes of stroke i."""
+    """Return the coordinates of a point relative to the centre of stroke i and along its axes.
+
+    table : (strokes, COLUMNS), one row per stroke, a shape that adds or removes clay
+    """
     x, y, z = x - table[i, CENTER], y - table[i, CENTER + 1], z - table[i, CENTER + 2]
     u = table[i, AXES] * x + table[i, AXES + 1] * y + table[i, AXES + 2] * z
     v = table[i, AXES + 3] * x + table[i, AXES + 4] * y + table[i, AXES + 5] * z
@@ -56,7 +67,10 @@ def local(table: Array, i: int, x: float, y: float, z: float) -> Vec3:
 
 @inline
 def ellipsoid(u: float, v: float, w: float, a: float, b: float, c: float) -> float:
-    """Return the first-order distance to an ellipsoid, with exact slope on its surface (Quilez, "Ellipsoid SDF")."""
+    """Return the first-order distance to an ellipsoid, with exact slope on its surface (Quilez, "Ellipsoid SDF").
+
+    u, v, w : position relative to its centre, along its axes; a, b, c : radii along the axes
+    """
     p, q, r = u / a, v / b, w / c
     k0 = sqrt(p * p + q * q + r * r)
     p, q, r = p / a, q / b, r / c
@@ -80,7 +94,10 @@ def _drum(u: float, v: float, w: float, radius: float, height: float, rounding: 
 
 @inline
 def _cosine_of_third(cosine: float) -> float:
-    """Return cos(acos(x) / 3) to 3e-5: a Newton step on 4 y^3 - 3 y = x, from a parabola in sqrt(1 + x)."""
+    """Return cos(acos(x) / 3) to 3e-5, which solves a cubic equation with three real roots. cosine : x, -1 to 1
+
+    It is a Newton step on 4 y^3 - 3 y = x, from a parabola in sqrt(1 + x).
+    """
     w = sqrt(1.0 + cosine)
     y = 0.5 + w * (0.40824829 - 0.03872338 * w)
     return y - (4.0 * y * y * y - 3.0 * y - cosine) / max(12.0 * y * y - 3.0, 1e-6)
@@ -88,9 +105,10 @@ def _cosine_of_third(cosine: float) -> float:
 
 @inline
 def _foot(a2: float, ab: float, b2: float, da: float, db: float) -> float:
-    """Return the parameter of the nearest point of a quadratic Bezier curve (Quilez, "Quadratic Bezier SDF").
+    """Return the parameter, 0 to 1, of the point of a quadratic Bezier curve that is nearest to a point x.
 
-    With p(t) = A + 2 a t + b t^2 and d = A - x, the arguments are the products a.a, a.b, b.b, d.a and d.b.
+    With p(t) = A + 2 a t + b t^2 and d = A - x, the arguments are the products a.a, a.b, b.b, d.a and d.b (Quilez,
+    "Quadratic Bezier SDF").
     """
     k = 1.0 / b2
     kx, ky, kz = k * ab, k * (2.0 * a2 + db) / 3.0, k * da
@@ -121,7 +139,12 @@ def _foot(a2: float, ab: float, b2: float, da: float, db: float) -> float:
 
 @inline
 def _tube(table: Array, i: int, x: float, y: float, z: float) -> float:
-    """Return the distance to a bent tube; its radius has zero slope at both ends, so the caps join without a crease."""
+    """Return the distance from a point to a bent tube, negative inside.
+
+    Its radius has zero slope at both ends, so the caps join without a crease.
+
+    table : (strokes, COLUMNS), one row per shape of a sculpture; i : row of the tube
+    """
     px, py, pz = table[i, POINTS], table[i, POINTS + 1], table[i, POINTS + 2]
     ax, ay, az = table[i, POINTS + 3] - px, table[i, POINTS + 4] - py, table[i, POINTS + 5] - pz
     bx, by, bz = table[i, POINTS + 6] - px - 2.0 * ax, table[i, POINTS + 7] - py - 2.0 * ay, 0.0
@@ -142,7 +165,10 @@ def _tube(table: Array, i: int, x: float, y: float, z: float) -> float:
 
 @routine
 def shape(table: Array, i: int, x: float, y: float, z: float) -> float:
-    """Return the signed distance to the shape of stroke i, without blending."""
+    """Return the signed distance to the shape of stroke i (ellipsoid, tube, box, cylinder or ring), without blending.
+
+    table : (strokes, COLUMNS), one row per stroke, a shape that adds or removes clay
+    """
     kind = int(table[i, KIND])
     if kind == TUBE:
         return _tube(table, i, x, y, z)
@@ -160,13 +186,19 @@ def shape(table: Array, i: int, x: float, y: float, z: float) -> float:
 
 @inline
 def fade(d: float, width: float) -> float:
-    """Return 1 inside a region, 0 farther than `width` outside, and a smooth transition between."""
+    """Return 1 inside a region, 0 farther than `width` outside, and a smooth transition between.
+
+    d : distance to the region
+    """
     return step(1.0 - d / width)
 
 
 @routine
 def height(table: Array, i: int, x: float, y: float, z: float) -> float:
-    """Return the height that the relief of stroke i adds at a point."""
+    """Return the height that a relief, which displaces a sculpture's surface, adds at a point; 0 outside its region.
+
+    table : (strokes, COLUMNS), one row per stroke of the sculpture; i : row of the relief
+    """
     u, v, w = local(table, i, x, y, z)
     region = fade(ellipsoid(u, v, w, table[i, SIZE], table[i, SIZE + 1], table[i, SIZE + 2]), table[i, WIDTH])
     if region == 0.0:
@@ -177,7 +209,10 @@ def height(table: Array, i: int, x: float, y: float, z: float) -> float:
 
 @inline
 def list_of(solid: Solid, x: float, y: float, z: float) -> int:
-    """Return the index of the list of strokes for a point."""
+    """Return the number of the list of strokes (shapes that add or remove clay) that matter near a point.
+
+    List 0 holds all strokes; it is the one outside the grid whose cells have lists of their own.
+    """
     lists = solid.lists
     u, v, w = (x - solid.origin[0]) / solid.cell, (y - solid.origin[1]) / solid.cell, (z - solid.origin[2]) / solid.cell
     if u >= 0.0 and v >= 0.0 and w >= 0.0 and u < lists.shape[0] and v < lists.shape[1] and w < lists.shape[2]:
@@ -187,7 +222,10 @@ def list_of(solid: Solid, x: float, y: float, z: float) -> int:
 
 @routine
 def work_clay(solid: Solid, x: float, y: float, z: float) -> float:
-    """Evaluate the field of the clay at a point: all strokes in their order."""
+    """Evaluate the field of a solid made of clay at a point: zero on its surface, negative inside.
+
+    The strokes (shapes) near the point add, carve, cut or displace clay one after the other.
+    """
     table = solid.table
     which = list_of(solid, x, y, z)
     f = FAR

@@ -17,7 +17,7 @@ _CHUNK = 1024
 
 @kernel
 def settle_all(work: Array, solid: Solid, points: Array) -> None:
-    """Move every point onto the surface."""
+    """Move all points, (n, 3) float64, onto the surface of a solid, in place, to about 1e-6."""
     solid = borrow(solid)
     t = next_tile(work)
     while t >= 0:
@@ -28,13 +28,16 @@ def settle_all(work: Array, solid: Solid, points: Array) -> None:
 
 
 def settled(solid: Solid, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Move points (n, 3) onto the surface, in place, and return them."""
+    """Move points, (n, 3) float64, onto the surface of a solid, in place and to about 1e-6; return them."""
     run(settle_all, -(-len(points) // _CHUNK), solid, points)
     return points
 
 
 def _bent(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """Return the faces at corners where faces of different directions meet, (t,) bool."""
+    """Return which faces lie in a crease, (t,) bool.
+
+    A crease is at a corner where a face deviates by over 20 degrees from the mean of those that meet there.
+    """
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
     means = np.stack([np.bincount(faces.ravel(), np.repeat(normals[:, k], 3), len(vertices)) for k in range(3)], axis=1)
@@ -47,7 +50,7 @@ def _bent(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np
 
 
 def areas(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the areas of triangles (t, 3, 3)."""
+    """Return the areas, (t,), of triangles given by their corners, (t, 3, 3)."""
     edges = corners[:, 1:] - corners[:, :1]
     return np.asarray(0.5 * np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1))
 
@@ -55,12 +58,22 @@ def areas(corners: NDArray[np.float64]) -> NDArray[np.float64]:
 def refine_creases(
     solid: Solid, vertices: NDArray[np.float64], faces: NDArray[np.int32], n: int
 ) -> NDArray[np.float64]:
-    """Cut the triangles of a mesh into four where the surface bends, repeatedly, down to the resolution of n points.
+    """Cut the triangles of a mesh into four where the surface bends sharply, so that creases are filled with points.
+
+    It is repeated, at most five times, where edges are longer than the spacing of n points on the surface and their
+    middles are farther than a fifth of it from the surface.
+
+    Parameters
+    ----------
+    vertices : (v, 3) float64
+    faces : (f, 3) int32
+    n : int
+        Number of points to be spread over the triangles.
 
     Returns
     -------
     (t, 3, 3) float64
-        Corners on the surface.
+        Corners of all triangles, on the surface.
     """
     spacing = float(np.sqrt(areas(vertices[faces]).sum() / n))
     bent = _bent(vertices, faces)
@@ -82,14 +95,20 @@ def refine_creases(
 
 
 def edges_of(faces: NDArray[np.int32], count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the distinct edges of faces over `count` vertices, (e, 2), and the three edges of each face, (t, 3)."""
+    """Return the distinct edges of triangles, (e, 2) vertices, and the numbers of the three edges of each face, (t, 3).
+
+    count : number of vertices
+    """
     pairs = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2).astype(np.int64), axis=1)
     keys, sides = np.unique(pairs[:, 0] * count + pairs[:, 1], return_inverse=True)
     return np.stack([keys // count, keys % count], axis=1), sides.reshape(-1, 3)
 
 
 def quarter(faces: NDArray[np.int32], middles: NDArray[np.int64]) -> NDArray[np.int32]:
-    """Cut each face into four at the midpoints of its sides; return (t, 3) vertex indices."""
+    """Cut each triangle into four at the midpoints of its sides; return the vertices of the small ones, (4 t, 3).
+
+    middles : (t, 3) vertex in the middle of each side: of corners 0 and 1, 1 and 2, 2 and 0
+    """
     (a, b, c), (ab, bc, ca) = faces.T, middles.T
     return np.concatenate([np.stack(f, axis=1) for f in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]).astype(
         np.int32

@@ -25,7 +25,10 @@ FLESH: dict[str, Any] = {"color": SKIN, "vein": 0.05}
 
 
 def sculpt_head(clay: Clay) -> None:
-    """Model the whole head; hair first, since its relief must not touch the skin."""
+    """Model the statue's head from shapes that add or remove clay.
+
+    The hair is first, since its relief must not touch the skin.
+    """
     _hair(clay)
     _skull(clay)
     _nose(clay)
@@ -187,19 +190,24 @@ def _hair(clay: Clay) -> None:
 
 
 def _locks(clay: Clay) -> None:
-    """Add a loose curl before each ear."""
+    """Add a loose curl of hair before each ear."""
     hair: dict[str, Any] = {"color": TRESSES, "both": True, "width": 0.012}
     clay.tube((0.262, -0.090, 0.560), (0.288, -0.120, 0.470), (0.272, -0.075, 0.400), (0.016, 0.010, 0.004), **hair)
 
 
 def _arc(clay: Clay, points: list[tuple[float, float, float]], radius: float, **stroke: Any) -> None:
-    """Add a chain of tubes through an odd number of points."""
+    """Add a curved rod: a chain of bent tubes through an odd number of points.
+
+    Each tube begins where the last one ends.
+
+    radius : of the rod; stroke : operation, blending width, colour and veins
+    """
     for k in range(0, len(points) - 2, 2):
         clay.tube(points[k], points[k + 1], points[k + 2], (radius, radius, 0.0), **stroke)
 
 
 def _diadem(clay: Clay) -> None:
-    """Add two gilded hoops with beads between them, from ear to ear over the hair."""
+    """Add a diadem: two gilded hoops with beads between them, from ear to ear over the hair."""
 
     def hoop(angle: float, lean: float) -> tuple[float, float, float]:
         y, rise = 0.0, 0.0

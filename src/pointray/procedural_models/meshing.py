@@ -20,7 +20,11 @@ Cell: TypeAlias = tuple[int, int, int]  # position in the grid
 
 
 class Grid(NamedTuple):
-    """Grid of cells: low corner, edge of a cell, and the field at the corners, only its sign far from the surface."""
+    """Grid of cubic cells around a solid, and the solid's field at the corners of the cells.
+
+    low : (3,) lower corner; cell : edge of a cell
+    values : (nx + 1, ny + 1, nz + 1), the field; far from the surface only its sign, as -1 inside and 1 outside
+    """
 
     low: NDArray[np.float64]  # (3,)
     cell: float
@@ -29,7 +33,10 @@ class Grid(NamedTuple):
 
 @kernel
 def _near(work: Array, solid: Solid, grid: Grid, near: Array) -> None:
-    """Mark the blocks that the surface may pass through."""
+    """Mark the blocks of 8 x 8 x 8 grid cells that the surface may pass through.
+
+    near : (blocks along x, y, z), written
+    """
     solid, half = borrow(solid), 0.5 * BLOCK_EDGE * grid.cell
     i = next_tile(work)
     while i >= 0:
@@ -43,7 +50,12 @@ def _near(work: Array, solid: Solid, grid: Grid, near: Array) -> None:
 
 @kernel
 def _find_parts(work: Array, solid: Solid, grid: Grid, blocks: Array, near: Array) -> None:
-    """Mark the parts of each block that the surface may pass through; store the sign at the corners of the others."""
+    """Mark the parts of each block that the surface may pass through; store the sign at the corners of the others.
+
+    A block has 8 x 8 x 8 grid cells, a part of it 2 x 2 x 2.
+
+    blocks : (b, 3) int32, positions of the blocks in units of blocks; near : (b, 64), written
+    """
     solid, grid, half = borrow(solid), borrow(grid), 0.5 * PART_EDGE * grid.cell
     t = next_tile(work)
     while t >= 0:
@@ -59,7 +71,12 @@ def _find_parts(work: Array, solid: Solid, grid: Grid, blocks: Array, near: Arra
 
 @inline
 def _corner_of(blocks: Array, t: int, part: int) -> Cell:
-    """Return the low corner of a part of a block."""
+    """Return the low corner of a part of a block, in cells of the grid.
+
+    A block has 8 x 8 x 8 cells, its 64 parts 2 x 2 x 2 each.
+
+    blocks : (b, 3) positions of the blocks in units of blocks; t : number of the block; part : number of the part
+    """
     parts = BLOCK_EDGE // PART_EDGE
     i, j, k = part // (parts * parts), part // parts % parts, part % parts
     return (
@@ -71,9 +88,11 @@ def _corner_of(blocks: Array, t: int, part: int) -> Cell:
 
 @kernel
 def _fill(work: Array, solid: Solid, grid: Grid, blocks: Array, near: Array) -> None:
-    """Evaluate the field at the corners of parts that the surface may pass through.
+    """Evaluate the field at the corners of all cells that the surface may pass through.
 
     Shared corners may be written twice, with the same number.
+
+    blocks : (b, 3) positions of blocks of 8 x 8 x 8 cells; near : (b, 64) which of their parts to evaluate
     """
     solid, grid = borrow(solid), borrow(grid)
     t = next_tile(work)
@@ -92,7 +111,12 @@ def _fill(work: Array, solid: Solid, grid: Grid, blocks: Array, near: Array) -> 
 
 @inline
 def _crossings(values: Array, i: int, j: int, k: int) -> tuple[int, float, float, float]:
-    """Return the number of a cell's edges that the surface crosses, and the sum of the crossings in cells."""
+    """Return how many edges of a grid cell the surface crosses, and the sums of x, y and z of the crossings.
+
+    The coordinates are relative to the low corner of the cell, in cells.
+
+    values : the field at the corners of the grid; i, j, k : the cell
+    """
     count, x, y, z = 0, 0.0, 0.0, 0.0
     for axis in range(3):
         for a in range(2):
@@ -115,7 +139,13 @@ def _crossings(values: Array, i: int, j: int, k: int) -> tuple[int, float, float
 def _vertices(
     work: Array, solid: Solid, grid: Grid, blocks: Array, first: Array, vertices: Array, numbers: Array
 ) -> None:
-    """Make one vertex for each cell that the surface crosses; with empty `vertices`, only count them (into `first`)."""
+    """Make one vertex for each cell that the surface crosses: the mean of the crossings, moved onto the surface.
+
+    If `vertices` is empty they are only counted.
+
+    blocks : (b, 3) positions of blocks of 8 x 8 x 8 cells; first : (b,) first vertex of each, or its count, written
+    vertices : (v, 3), written; numbers : number of each cell's vertex, written
+    """
     solid, grid = borrow(solid), borrow(grid)
     t = next_tile(work)
     while t >= 0:
@@ -140,7 +170,13 @@ def _vertices(
 
 @inline
 def _quad(numbers: Array, a: Cell, b: Cell, c: Cell, d: Cell, flip: bool, faces: Array, count: int) -> int:
-    """Make two triangles between the vertices of four cells around an edge."""
+    """Make two triangles between the vertices of the four cells around an edge; return the new number of faces.
+
+    Nothing is made if a cell has no vertex, and nothing is written beyond the last row of `faces`.
+
+    numbers : number of each cell's vertex, -1 if it has none; a, b, c, d : the cells, in order around the edge
+    flip : whether to reverse the order; count : number of faces so far
+    """
     p, q = numbers[a[0], a[1], a[2]], numbers[b[0], b[1], b[2]]
     r, s = numbers[c[0], c[1], c[2]], numbers[d[0], d[1], d[2]]
     if min(min(p, q), min(r, s)) < 0:
@@ -155,7 +191,13 @@ def _quad(numbers: Array, a: Cell, b: Cell, c: Cell, d: Cell, flip: bool, faces:
 
 @kernel
 def _faces(grid: Grid, blocks: Array, numbers: Array, faces: Array) -> int:
-    """Make faces around every edge of the grid that the surface crosses; return their number."""
+    """Make triangles around every edge of the grid that the surface crosses; return their number.
+
+    It may be larger than the number of rows of `faces`, which then holds only the first of them.
+
+    blocks : (b, 3) positions of blocks of 8 x 8 x 8 cells; numbers : number of each cell's vertex, -1 if it has none
+    faces : (f, 3) int32, written
+    """
     count = 0
     v = grid.values
     for t in range(blocks.shape[0]):
@@ -179,7 +221,7 @@ def _faces(grid: Grid, blocks: Array, numbers: Array, faces: Array) -> int:
 def mesh_solid(
     solid: Solid, low: NDArray[np.float64], high: NDArray[np.float64], cell: float
 ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """Return a closed mesh of the solid's surface.
+    """Return a closed triangle mesh of the solid's surface.
 
     Parameters
     ----------

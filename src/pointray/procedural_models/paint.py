@@ -23,7 +23,7 @@ def _lattice_noise(i: int, j: int, k: int) -> float:
 
 @routine
 def noise(x: float, y: float, z: float) -> float:
-    """Return value noise between -1 and 1, one feature per unit."""
+    """Return value noise at a position: random numbers at integer coordinates, smoothly interpolated, -1 to 1."""
     i, j, k = int(floor(x)), int(floor(y)), int(floor(z))
     u, v, w = x - i, y - j, z - k
     u, v, w = u * u * (3.0 - 2.0 * u), v * v * (3.0 - 2.0 * v), w * w * (3.0 - 2.0 * w)
@@ -37,7 +37,10 @@ def noise(x: float, y: float, z: float) -> float:
 
 @inline
 def _cloud(x: float, y: float, z: float, scale: float) -> float:
-    """Return three octaves of noise."""
+    """Return noise at three scales added up (fractal noise), about -1.75 to 1.75.
+
+    scale : features of the coarsest per unit
+    """
     n = noise(x * scale, y * scale, z * scale)
     n += 0.5 * noise(2.03 * x * scale + 7.0, 2.03 * y * scale, 2.03 * z * scale)
     return n + 0.25 * noise(4.1 * x * scale, 4.1 * y * scale + 3.0, 4.1 * z * scale)
@@ -45,7 +48,7 @@ def _cloud(x: float, y: float, z: float, scale: float) -> float:
 
 @inline
 def _veins(x: float, y: float, z: float) -> float:
-    """Return thin winding lines: 1 on a vein, 0 away from it."""
+    """Return how much a position lies on the thin winding veins of marble: up to 1 on a vein, 0 away from it."""
     bend = _cloud(x, y, z, 3.0) + 0.30 * _cloud(x, y, z, 14.0)
     line = abs(sin(5.0 * x + 3.0 * y + 9.0 * z + 4.2 * bend))
     strong = 0.5 + 0.5 * noise(4.0 * x + 9.0, 4.0 * y, 4.0 * z)
@@ -54,7 +57,10 @@ def _veins(x: float, y: float, z: float) -> float:
 
 @inline
 def _over(red: float, green: float, blue: float, table: Array, i: int, share: float) -> Vec3:
-    """Blend the colour of stroke i over a colour."""
+    """Blend the colour of row i of a table of shapes over a colour; return the new colour.
+
+    table : (strokes, COLUMNS), one row per shape of a sculpture; share : opacity of the new colour, 0 to 1
+    """
     red += share * (table[i, clay.COLOR] - red)
     green += share * (table[i, clay.COLOR + 1] - green)
     blue += share * (table[i, clay.COLOR + 2] - blue)
@@ -63,7 +69,10 @@ def _over(red: float, green: float, blue: float, table: Array, i: int, share: fl
 
 @routine
 def _clay_color(solid: Solid, x: float, y: float, z: float) -> Vec3:
-    """Return the colour of the outermost stroke, modified by coats of paint, shades of relief and veins."""
+    """Return the sRGB colour of a solid made of clay at a surface point: that of the outermost shape (stroke) there.
+
+    It is modified by strokes that only paint, by reliefs (darker in their depths) and by veins of marble.
+    """
     table = solid.table
     which = clay.list_of(solid, x, y, z)
     f, red, green, blue, vein, shade = clay.FAR, 0.5, 0.5, 0.5, 0.0, 0.0
@@ -104,7 +113,7 @@ def _clay_color(solid: Solid, x: float, y: float, z: float) -> Vec3:
 
 @routine
 def color(solid: Solid, x: float, y: float, z: float) -> Vec3:
-    """Return the sRGB colour at a surface point, 0 to 1."""
+    """Return the sRGB colour of a solid at a surface point, about 0 to 1."""
     if solid.kind == CLAY:
         return _clay_color(solid, x, y, z)
     tint = _cloud(x, y, z, 2.5)

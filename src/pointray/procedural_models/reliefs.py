@@ -12,7 +12,12 @@ HAIR, FOLDS, MEANDER, FLUTES, SPIRAL = 10, 11, 12, 13, 14
 
 @inline
 def _hair(u: float, v: float, w: float, count: float) -> float:
-    """Return wavy locks of several strands, combed from the forehead to the pole +v (a Hellenistic melon coiffure)."""
+    """Return the height of a relief of wavy locks of several strands, combed from the forehead to the pole +v.
+
+    It is a Hellenistic melon coiffure.
+
+    u, v, w : position in the axes and scale of the relief; count : number of locks around the head
+    """
     around = atan2(u, w)
     along = atan2(sqrt(u * u + w * w), v)
     # ripples shrink towards the pole and have the same sign on both sides of the parting
@@ -27,7 +32,10 @@ def _hair(u: float, v: float, w: float, count: float) -> float:
 
 @inline
 def _folds(u: float, v: float, w: float) -> float:
-    """Return cloth hanging in folds between two shoulders, from the depth of the bow through a point."""
+    """Return the height of a relief of cloth hanging in folds between two shoulders, deeper the lower they hang.
+
+    u, v, w : position in the axes and scale of the relief, w upward
+    """
     spread = 0.30 + 0.70 * exp(-(u * u) / 0.11)
     lean = 0.06 * sin(3.1 * u + 0.6) + 0.035 * sin(7.0 * u - 5.0 * v)
     depth = (lean - w) / spread
@@ -40,7 +48,10 @@ def _folds(u: float, v: float, w: float) -> float:
 
 @inline
 def _segment(u: float, w: float, ax: float, az: float, bx: float, bz: float) -> float:
-    """Return the distance to an axis-parallel segment of the plane, given by its low and high corner."""
+    """Return the distance in the plane (u, w) to an axis-parallel segment, given by its low and high corner.
+
+    ax, az : low corner; bx, bz : high corner
+    """
     du = max(max(ax - u, u - bx), 0.0)
     dw = max(max(az - w, w - bz), 0.0)
     return sqrt(du * du + dw * dw)
@@ -48,7 +59,10 @@ def _segment(u: float, w: float, ax: float, az: float, bx: float, bz: float) -> 
 
 @inline
 def _meander(u: float, v: float, w: float, count: float) -> float:
-    """Return a Greek key around the axis w, `count` times, between w = -1 and 1; its lines are raised."""
+    """Return the height, 0 to 1, of a relief of a Greek key around the axis w, between w = -1 and 1; lines are raised.
+
+    u, v, w : position in the axes and scale of the relief; count : number of repeats around the axis
+    """
     turn = atan2(v, u) * count / (2.0 * pi)
     s = (turn - floor(turn)) * 8.0
     t = (w + 1.0) * 3.0
@@ -66,14 +80,20 @@ def _meander(u: float, v: float, w: float, count: float) -> float:
 
 @inline
 def _flutes(u: float, v: float, w: float, count: float) -> float:
-    """Return ribs around the axis w that lean along it: gadroons, beads, flutes."""
+    """Return the height of a relief of ribs around the axis w that lean along it: gadroons, beads, flutes.
+
+    u, v, w : position in the axes and scale of the relief; count : number of ribs
+    """
     wave = cos(count * atan2(v, u) + 2.2 * w)
     return 0.8 * wave - 0.2 * wave * wave
 
 
 @inline
 def _spiral(u: float, v: float, w: float, count: float) -> float:
-    """Return hair wound into a knot about the axis v."""
+    """Return the height of a relief of strands of hair wound into a knot about the axis v.
+
+    u, v, w : position in the axes and scale of the relief; count : number of locks around the axis
+    """
     radius = sqrt(u * u + w * w + 0.0004)
     angle = atan2(u, w) * count + 24.0 * radius
     strands = cos(3.0 * angle + 1.0) + 0.5 * cos(5.0 * angle)
@@ -84,7 +104,11 @@ def _spiral(u: float, v: float, w: float, count: float) -> float:
 
 @routine
 def relief(kind: int, u: float, v: float, w: float, count: float) -> float:
-    """Return the height of a pattern at a point given in the pattern's own axes and scale."""
+    """Return the height of a relief, a pattern that displaces a surface, at a point; about -1 to 1.
+
+    kind : HAIR, FOLDS, MEANDER, FLUTES or SPIRAL
+    u, v, w : position in the axes and scale of the relief; count : number of repeats of the pattern, unused by FOLDS
+    """
     if kind == HAIR:
         return _hair(u, v, w, count)
     if kind == FOLDS:

@@ -26,7 +26,16 @@ LocalGrid: TypeAlias = tuple[float, float, float, float]  # low corner, 1 / dist
 
 
 class Bricks(NamedTuple):
-    """Triangles sorted by the brick that contains their centre, and each brick's slots for points."""
+    """Triangles of a mesh sorted into bricks (cells of a grid), the units in which points are spread over the mesh.
+
+    corners : (t, 3, 3) triangles, sorted by the brick that contains their centre
+    first : (bricks + 1,) first triangle of each brick
+    cells : (bricks, 3) grid position; number : (nx, ny, nz) brick at each grid position, or -1
+    slot : (bricks + 1,) first of the rows of `points` reserved for each brick
+    filled : (bricks,) points in it so far; points : (slots, 3) float32
+    low : (3,) lower corner of the grid; edge : of a brick
+    margin : how far a triangle may extend out of its brick
+    """
 
     corners: NDArray[np.float64]  # (t, 3, 3) triangles, sorted
     first: NDArray[np.int64]  # (bricks + 1,) first triangle of each brick
@@ -42,7 +51,7 @@ class Bricks(NamedTuple):
 
 @inline
 def mix(a: int, b: int) -> int:
-    """Hash two 64-bit numbers (the finalizer of splitmix64)."""
+    """Hash two 64-bit numbers to one (the finalizer of splitmix64), for random numbers that depend on a seed only."""
     z = u64(a) + u64(0x9E3779B97F4A7C15) * (u64(b) + u64(1))
     z = (z ^ (z >> u64(30))) * u64(0xBF58476D1CE4E5B9)
     z = (z ^ (z >> u64(27))) * u64(0x94D049BB133111EB)
@@ -51,13 +60,17 @@ def mix(a: int, b: int) -> int:
 
 @inline
 def _unit(word: int, part: int) -> float:
-    """Convert one half (0 or 1) of a hash to a number in [0, 1)."""
+    """Convert one half of a 64-bit hash to a number in [0, 1). part : 0 for the lower half, 1 for the upper"""
     return float((word >> u64(32 * part)) & u64(0xFFFFFFFF)) * (1.0 / 4294967296.0)
 
 
 @inline
 def _is_close(x: float, y: float, z: float, p: int, following: Array, local: Array, square: float) -> bool:
-    """Return whether a point of a cell, whose first point is p, lies within the distance."""
+    """Return whether any point in a cell of a grid is closer to a position than a distance.
+
+    p : first point of the cell, -1 if it has none; following : next point of the same cell, -1 at the end
+    local : (held, 3) positions of the points in the grid; square : of the distance
+    """
     while p >= 0:
         u, v, w = local[p, 0] - x, local[p, 1] - y, local[p, 2] - z
         if u * u + v * v + w * w < square:
@@ -78,7 +91,12 @@ def _fits(
     local: Array,
     square: float,
 ) -> bool:
-    """Return whether no point lies within the distance; `grid` is (low corner, 1 / distance)."""
+    """Return whether no point of a grid is closer to a position than the edge of its cells, so that a point fits there.
+
+    grid : (x, y, z of the low corner, 1 / edge); dims : cells along an axis
+    heads : first point of each cell, -1 if it has none; following : next point of the same cell, -1 at the end
+    local : (held, 3) positions of the points; square : of the least distance, the edge
+    """
     i, j = int((x - grid[0]) * grid[3]), int((y - grid[1]) * grid[3])
     k = int((z - grid[2]) * grid[3])
     if _is_close(x, y, z, heads[(i * dims + j) * dims + k], following, local, square):  # most darts fail here
@@ -94,7 +112,10 @@ def _fits(
 
 @inline
 def _neighbor(bricks: Bricks, brick: int, number: int) -> int:
-    """Return one of the 27 bricks at and around a brick, -1 if there is none."""
+    """Return the brick (cell of a grid) at one of the 27 positions at and around a brick, -1 if there is none.
+
+    number : of the position, 0 to 26
+    """
     i = bricks.cells[brick, 0] + number // 9 - 1
     j = bricks.cells[brick, 1] + number // 3 % 3 - 1
     k = bricks.cells[brick, 2] + number % 3 - 1
@@ -106,7 +127,7 @@ def _neighbor(bricks: Bricks, brick: int, number: int) -> int:
 
 @inline
 def _capacity(bricks: Bricks, brick: int) -> int:
-    """Return the capacity in points of a brick and its neighbours."""
+    """Return for how many points a brick (cell of a coarse grid) and its 26 neighbours have rows reserved, together."""
     total = 0
     for number in range(27):
         other = _neighbor(bricks, brick, number)
@@ -119,7 +140,14 @@ def _capacity(bricks: Bricks, brick: int) -> int:
 def _gather(
     bricks: Bricks, brick: int, grid: LocalGrid, dims: int, heads: Array, following: Array, local: Array
 ) -> int:
-    """Put those points of a brick and its neighbours that lie in the local grid into its cells; return their number."""
+    """Put the points in and around a brick, a cell of a coarse grid, into cells of a fine grid; return their number.
+
+    Points outside the fine grid are left out.
+
+    bricks, brick : all cells of the coarse grid with their points, and the number of one
+    grid : (x, y, z of the low corner, 1 / edge of a cell) of the fine grid; dims : its cells along an axis
+    heads : first point of each cell, -1 if it has none, updated; following, local : next point and position, written
+    """
     held = 0
     for number in range(27):
         other = _neighbor(bricks, brick, number)
@@ -143,7 +171,7 @@ def _insert(x: float, y: float, z: float, cell: int, heads: Array, following: Ar
 
 @inline
 def _dart(corners: Array, t: int, word: int) -> Vec3:
-    """Return a uniform random point of triangle t, rounded to float32 as it is stored."""
+    """Return a uniform random point of triangle t, rounded to float32 as it is stored. word : 64 random bits"""
     a, b = sqrt(_unit(word, 0)), _unit(word, 1)
     p, q, r = 1.0 - a, a * (1.0 - b), a * b
     x = p * corners[t, 0, 0] + q * corners[t, 1, 0] + r * corners[t, 2, 0]
@@ -154,7 +182,11 @@ def _dart(corners: Array, t: int, word: int) -> Vec3:
 
 @kernel
 def _throw(work: Array, bricks: Bricks, turn: Array, areas: Array, distance: float, rounds: int, key: int) -> None:
-    """Throw darts at the bricks listed in `turn`; a triangle gets area / distance^2 of them in each round."""
+    """Throw darts, random points of the triangles, at some bricks; those at least `distance` from all others are kept.
+
+    turn : numbers of the bricks (cells of a grid), which do not touch, so that they can be filled at the same time
+    areas : (t,) of the triangles; each gets area / distance^2 darts in each of the `rounds`; key : seed
+    """
     bricks, areas = borrow(bricks), borrow(areas)
     margin = bricks.margin + 1.01 * distance
     dims = int((bricks.edge + 2.0 * margin) / distance) + 3
@@ -191,7 +223,10 @@ def _throw(work: Array, bricks: Bricks, turn: Array, areas: Array, distance: flo
 
 
 def _lay_bricks(corners: NDArray[np.float64], areas: NDArray[np.float64], n: int) -> tuple[Bricks, NDArray[np.float64]]:
-    """Sort the triangles into bricks of about a thousand points; also return the areas in the sorted order."""
+    """Sort the triangles into bricks (cells of a grid) of about a thousand points; return them and the areas, sorted.
+
+    corners : (t, 3, 3) triangles; areas : (t,) of these; n : number of points to spread
+    """
     spacing = float(np.sqrt(areas.sum() / n))
     centers = corners.mean(axis=1)
     margin = float(np.abs(corners - centers[:, None]).max())
@@ -221,14 +256,14 @@ def _lay_bricks(corners: NDArray[np.float64], areas: NDArray[np.float64], n: int
 
 
 def _hash(numbers: NDArray[np.int64], key: int) -> NDArray[np.uint64]:
-    """Hash numbers, for a random but reproducible order."""
+    """Hash numbers to 64 bits, for a random but reproducible order of points. key : seed"""
     z = numbers.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(key)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     return np.asarray(z ^ (z >> np.uint64(27)))
 
 
 def scatter(corners: NDArray[np.float64], n: int, seed: int) -> NDArray[np.float32]:
-    """Spread exactly n points evenly over triangles, brick by brick.
+    """Spread exactly n points evenly over triangles: blue noise, by throwing darts.
 
     Parameters
     ----------
@@ -237,10 +272,12 @@ def scatter(corners: NDArray[np.float64], n: int, seed: int) -> NDArray[np.float
     n : int
         At least 1.
     seed : int
+        Seed of the random numbers.
 
     Returns
     -------
     (n, 3) float32
+        Positions on the triangles.
     """
     bricks, areas = _lay_bricks(corners, triangle_areas(corners), n)
     colors = (bricks.cells & 1) @ np.array([4, 2, 1])

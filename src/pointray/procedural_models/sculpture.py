@@ -18,7 +18,10 @@ CELL = 0.014
 
 
 def statue() -> Solid:
-    """Return all strokes of the statue, with their cells for fast evaluation."""
+    """Return the procedural model "statue", a bust on a plinth, as a solid that kernels take.
+
+    It is made of strokes, shapes that add or remove clay, with a list of those near each place.
+    """
     clay = Clay()
     sculpt_bust(clay)  # first, because its foot is cut off, which would also cut the plinth
     sculpt_plinth(clay)

@@ -14,6 +14,6 @@ def blend(a: float, b: float, width: float) -> float:
 
 @inline
 def step(t: float) -> float:
-    """Return 0 below t = 0, 1 above t = 1, and a smooth (C1) transition between."""
+    """Return 0 below t = 0, 1 above t = 1, and a smooth (C1) transition between: smoothstep."""
     t = min(max(t, 0.0), 1.0)
     return t * t * (3.0 - 2.0 * t)

@@ -25,7 +25,10 @@ SHORT = 1e-8  # step of one-sided differences: errors of 5e-8 where the field is
 
 @inline
 def _strut(along: float, across: float, other: float) -> float:
-    """Return the squared distance to the nearest of the lattice's parallel lines."""
+    """Return the squared distance to the nearest of the lattice's centre lines that are parallel to one axis.
+
+    along : coordinate along the lines; across, other : the two others
+    """
     beyond = max(abs(along) - LATTICE_END, 0.0)
     across -= _nearest_line(across)
     other -= _nearest_line(other)
@@ -40,7 +43,10 @@ def _nearest_line(x: float) -> float:
 
 @inline
 def _lattice(x: float, y: float, z: float) -> float:
-    """Return the field of a cube of 4 x 4 x 4 balls joined by round struts, with filleted joints."""
+    """Return a field that is zero on the surface of the lattice, negative inside.
+
+    It is a cube of 4 x 4 x 4 balls joined by round struts, with filleted joints.
+    """
     a = sqrt(_strut(x, y, z)) - LATTICE_RADIUS
     b = sqrt(_strut(y, z, x)) - LATTICE_RADIUS
     c = sqrt(_strut(z, x, y)) - LATTICE_RADIUS
@@ -52,7 +58,10 @@ def _lattice(x: float, y: float, z: float) -> float:
 
 @routine
 def field(solid: Solid, x: float, y: float, z: float) -> float:
-    """Return a smooth function of space: zero on the surface, negative inside, with slope near 1 at the surface."""
+    """Return the field of a solid: a smooth function that is zero on its surface, negative inside.
+
+    Its slope is near 1 at the surface.
+    """
     if solid.kind == SPHERE:
         return sqrt(x * x + y * y + z * z) - 1.0
     if solid.kind == TORUS:
@@ -65,7 +74,7 @@ def field(solid: Solid, x: float, y: float, z: float) -> float:
 
 @routine
 def slope(solid: Solid, x: float, y: float, z: float, e: float) -> Vec3:
-    """Return the gradient of the field by central differences over 2 e."""
+    """Return the gradient of a solid's field by central differences. e : distance of the samples on either side"""
     s = 0.5 / e
     gx = (field(solid, x + e, y, z) - field(solid, x - e, y, z)) * s
     gy = (field(solid, x, y + e, z) - field(solid, x, y - e, z)) * s
@@ -75,7 +84,10 @@ def slope(solid: Solid, x: float, y: float, z: float, e: float) -> Vec3:
 
 @inline
 def slope_from(solid: Solid, x: float, y: float, z: float, f: float, e: float) -> Vec3:
-    """Return the gradient of the field, whose value here is f, by one-sided differences over e."""
+    """Return the gradient of a solid's field by one-sided differences.
+
+    f : the field here; e : distance of the samples
+    """
     gx = (field(solid, x + e, y, z) - f) / e
     gy = (field(solid, x, y + e, z) - f) / e
     gz = (field(solid, x, y, z + e) - f) / e
@@ -84,7 +96,10 @@ def slope_from(solid: Solid, x: float, y: float, z: float, f: float, e: float) -
 
 @inline
 def _bracket(solid: Solid, x: float, y: float, z: float, f: float) -> Vec3:
-    """Find a surface point near one where Newton's method stalls: search along 26 directions, farther each time."""
+    """Find a surface point near one where Newton's method stalls: search along 26 directions, farther each time.
+
+    f : the field at the point, not 0. Returns the point itself if no surface is found within about 0.1.
+    """
     distance = max(abs(f), 1e-5)
     while distance < 0.1:
         for number in range(27):
@@ -105,10 +120,11 @@ def _bracket(solid: Solid, x: float, y: float, z: float, f: float) -> Vec3:
 
 @routine
 def settle(solid: Solid, x: float, y: float, z: float, steps: int, enough: float) -> tuple[float, float, float, float]:
-    """Move a point near the surface onto it; return it with the field there: below `enough` if the steps suffice.
+    """Move a point near the surface of a solid onto it; return its new x, y, z and the field there.
 
-    Newton's method uses a one-sided gradient, and uses it for a second step (a chord step), which saves evaluations. If
-    `steps` is over 2 and the field stays above 10 times `enough`, the surface is found by bisection.
+    The field is below `enough` if `steps` (of Newton's method) suffice. Newton's method uses a one-sided gradient, and
+    uses it for a second step (a chord step), which saves evaluations. If `steps` is over 2 and the field stays above 10
+    times `enough`, the surface is found by bisection.
     """
     f = field(solid, x, y, z)
     for _ in range(steps):
@@ -132,9 +148,12 @@ def settle(solid: Solid, x: float, y: float, z: float, steps: int, enough: float
 def _slide(
     solid: Solid, x: float, y: float, z: float, p: float, q: float, r: float
 ) -> tuple[float, float, float, float]:
-    """Slide the surface point (p, q, r) along the surface to where x - p is normal to it: a locally nearest point of x.
+    """Slide the surface point (p, q, r) along the surface of a solid to where it is locally nearest to (x, y, z).
 
-    Each step follows the tangential part of x - p and settles again; it converges with distance / radius of curvature.
+    There (x, y, z) - (p, q, r) is normal to the surface. Each step follows the tangential part of this difference and
+    moves back onto the surface; it converges with distance / radius of curvature.
+
+    Returns the coordinates of the nearest point and its distance.
     """
     best = sqrt((x - p) ** 2 + (y - q) ** 2 + (z - r) ** 2)
     share = 1.0
@@ -155,7 +174,10 @@ def _slide(
 
 @inline
 def _spiral_direction(number: int, a: float, b: float, c: float) -> Vec3:
-    """Return one of `SEARCH_DIRECTIONS` on a spiral (Fibonacci) about the unit axis (a, b, c), denser near it."""
+    """Return one of 400 unit vectors on a spiral (Fibonacci) about the unit axis (a, b, c), denser near it.
+
+    number : of the direction, from 0
+    """
     share = (number + 0.5) / SEARCH_DIRECTIONS
     along = 1.0 - 2.0 * share * share
     across = sqrt(1.0 - along * along)
@@ -173,7 +195,12 @@ def _spiral_direction(number: int, a: float, b: float, c: float) -> Vec3:
 def _nearer(
     solid: Solid, x: float, y: float, z: float, f: float, p: float, q: float, r: float, best: float
 ) -> tuple[float, float, float, float]:
-    """Return a surface point nearer to x than (p, q, r), whose distance is `best`; with its distance, or -1."""
+    """Search a surface point nearer to (x, y, z) than the surface point (p, q, r); return it and its distance.
+
+    f : the field at (x, y, z); best : distance of (p, q, r)
+
+    If none is found the distance is -1.
+    """
     distance = 0.992 * best
     for number in range(SEARCH_DIRECTIONS):
         u, v, w = _spiral_direction(number, (p - x) / best, (q - y) / best, (r - z) / best)
@@ -191,10 +218,11 @@ def _nearer(
 
 @routine
 def distance(solid: Solid, x: float, y: float, z: float) -> float:
-    """Return the signed Euclidean distance.
+    """Return the signed Euclidean distance from a point to the surface of a solid, negative inside.
 
-    For blended solids it is f / |grad f| below 1e-6. Farther away, the projection of x onto the surface slides to the
-    nearest point; beyond `CLOSE`, where a relief has many such points, the ball up to it is searched for a nearer one.
+    For blended solids (lattice and clay) it is f / |grad f|, with f the solid's field, if that is below 1e-6. Farther
+    away, the projection of the point onto the surface slides to the nearest point; beyond 0.004 (`CLOSE`), where a
+    relief has many such points, the ball up to it is searched for a nearer one.
     """
     f = field(solid, x, y, z)
     if solid.kind == SPHERE or solid.kind == TORUS or f == 0.0:
@@ -217,7 +245,10 @@ def distance(solid: Solid, x: float, y: float, z: float) -> float:
 
 @kernel
 def distances(work: Array, solid: Solid, x: Array, out: Array, tile: int) -> None:
-    """Set out[i] to the distance at x[i]."""
+    """Set out[i] to the signed distance from x[i] to the surface of a solid, negative inside.
+
+    x : (n, 3); out : (n,), written; tile : points that a thread takes at a time
+    """
     t = next_tile(work)
     while t >= 0:
         for i in range(t * tile, min((t + 1) * tile, out.size)):

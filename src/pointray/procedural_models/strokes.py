@@ -18,7 +18,7 @@ UNPAINTED = (-1.0, -1.0, -1.0)  # a relief that only shades the colour below it
 
 
 def rotation(turn: Vector) -> NDArray[np.float64]:
-    """Return the matrix of rotations about x, then y, then z, in degrees."""
+    """Return the (3, 3) matrix of rotations about x, then y, then z. turn : the three angles in degrees"""
     (a, b, c), (d, e, f) = np.cos(np.radians(turn)), np.sin(np.radians(turn))
     x = np.array([[1, 0, 0], [0, a, -d], [0, d, a]])
     y = np.array([[b, 0, e], [0, 1, 0], [-e, 0, b]])
@@ -27,10 +27,11 @@ def rotation(turn: Vector) -> NDArray[np.float64]:
 
 
 class Clay:
-    """Collector of strokes. Lengths are in units of the current part (`part`), which has its own place, turn and scale.
+    """Collector of strokes: shapes that add, carve, cut, displace or paint clay one after the other.
 
-    Every stroke takes `op` (ADD, CARVE, CUT, PAINT), the `width` over which it blends, a `color` (sRGB, 0 to 1),
-    `vein` (strength of the stone's veins) and `both` (adds a copy mirrored at the part's plane x = 0).
+    Lengths are in units of the current part (`part`), which has its own place, turn and scale. Every stroke except a
+    relief takes `op` (ADD, CARVE, CUT, PAINT) and `vein` (strength of the stone's veins). All take the `width` over
+    which they blend and a `color` (sRGB, 0 to 1).
     """
 
     def __init__(self) -> None:
@@ -38,12 +39,15 @@ class Clay:
         self._scale, self._turn, self._place = 1.0, np.eye(3), np.zeros(3)
 
     def table(self) -> NDArray[np.float64]:
-        """Return the strokes, (strokes, COLUMNS) float64."""
+        """Return all strokes (shapes that add or remove clay) so far, (strokes, COLUMNS) float64, one row each."""
         return np.array(self._rows)
 
     @contextmanager
     def part(self, place: Vector, turn: Vector = (0, 0, 0), scale: float = 1.0) -> Iterator[None]:
-        """Set the axes of strokes within the `with`: rotated, scaled and moved to `place`."""
+        """Place the shapes added within the `with` block in axes of their own: rotated, scaled and moved to `place`.
+
+        turn : angles about x, y and z in degrees. Blocks can be nested.
+        """
         before = self._scale, self._turn, self._place
         self._place = self._place + self._scale * self._turn @ np.asarray(place, np.float64)
         self._turn, self._scale = self._turn @ rotation(turn), self._scale * scale
@@ -81,19 +85,34 @@ class Clay:
         share: float = 1.0,
         **stroke: Any,
     ) -> None:
-        """Add an ellipsoid; `share` is its opacity as paint."""
+        """Add an ellipsoid to the shapes of a sculpture.
+
+        radii : along its axes; turn : angles of the axes about x, y and z in degrees; share : its opacity as paint, 0
+            to 1
+        both : whether to add its mirror image at x = 0; stroke : operation, blending width, colour and veins
+        """
         self._solid(clay.ELLIPSOID, center, radii, turn, share, both, **stroke)
 
     def box(self, center: Vector, half: Vector, rounding: float, **stroke: Any) -> None:
-        """Add a box with rounded edges, given by its half edges."""
+        """Add a box with rounded edges to the shapes of a sculpture.
+
+        half : (3,) half of its edges; rounding : radius of its edges; stroke : operation, blending width, colour, veins
+        """
         self._solid(clay.BOX, center, half, (0, 0, 0), rounding * self._scale, False, **stroke)
 
     def drum(self, center: Vector, radius: float, half: float, rounding: float, **stroke: Any) -> None:
-        """Add a cylinder of given radius and half height with rounded rims."""
+        """Add a cylinder along z with rounded rims to the shapes of a sculpture.
+
+        half : half of its height; rounding : radius of the rims; stroke : operation, blending width, colour and veins
+        """
         self._solid(clay.DRUM, center, (radius, radius, half), (0, 0, 0), rounding * self._scale, False, **stroke)
 
     def ring(self, center: Vector, radius: float, thickness: float, turn: Vector = (0, 0, 0), **stroke: Any) -> None:
-        """Add a torus."""
+        """Add a torus about z to the shapes of a sculpture.
+
+        radius : of its centre line; thickness : radius of its cross section; turn : angles about x, y and z in degrees
+        stroke : operation, blending width, colour and veins
+        """
         self._solid(clay.RING, center, (radius, radius, thickness), turn, 1.0, False, **stroke)
 
     def tube(
@@ -106,7 +125,11 @@ class Clay:
         share: float = 1.0,
         **stroke: Any,
     ) -> None:
-        """Add a bent tube from a to c through a point half way; radii at a, at c, and the excess at the middle."""
+        """Add a bent tube from `a` to `c` through a point half way to the shapes of a sculpture.
+
+        radii : at `a`, at `c`, and the excess of the radius at the middle; share : its opacity as paint, 0 to 1
+        both : whether to add its mirror image at x = 0; stroke : operation, blending width, colour and veins
+        """
         p, m, q = (np.asarray(v, np.float64) for v in (a, through, c))
         control = 2.0 * m - 0.5 * (p + q)
         # a straight line has no second derivative: bend it by a hundredth
@@ -124,7 +147,12 @@ class Clay:
     def relief(
         self, pattern: int, center: Vector, region: Vector, amplitude: float, turn: Vector = (0, 0, 0), **stroke: Any
     ) -> None:
-        """Displace the surface by a pattern within an ellipsoid; `count` repeats; a `color` for its raised parts."""
+        """Displace the surface of the sculpture by a pattern within an ellipsoid.
+
+        pattern : HAIR, FOLDS, MEANDER, FLUTES or SPIRAL; region : (3,) radii of the ellipsoid
+        amplitude : height of the pattern; turn : angles of its axes about x, y and z in degrees
+        stroke : blending width at its rim, `count` of repeats, `color` of raised parts
+        """
         count = stroke.pop("count", 0)
         stroke.setdefault("color", UNPAINTED)
         self._solid(pattern, center, region, turn, amplitude * self._scale, False, op=clay.RELIEF, vein=count, **stroke)

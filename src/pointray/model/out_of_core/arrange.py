@@ -22,18 +22,20 @@ Floats = NDArray[np.float32]
 
 
 class Arrangement:
-    """Columns of a cloud, moved from file order to kd order. Finished steps are not repeated.
+    """Reordering of a cloud's columns on disk from file order to kd order. Finished steps are not repeated.
+
+    The steps are `cut_and_scatter`, `make_columns`, `sort` for each part, and `tidy`.
 
     Parameters
     ----------
     columns : Columns
-        As left by `spool`.
+        The columns of the cloud as read from its files.
     names : list of str
         Names of the columns, "positions" first.
     count : int
         Number of rows.
     size : int
-        Points of a part, a power of two, at least `TILE`.
+        Points of a part, a power of two, at least `TILE` (4,096).
     """
 
     def __init__(self, columns: Columns, names: list[str], count: int, size: int) -> None:
@@ -41,7 +43,10 @@ class Arrangement:
         self.parts = -(-count // size)
 
     def cut_and_scatter(self, progress: Progress | None = None) -> None:
-        """Write each row to the range of its part, in file order."""
+        """Cut space into parts of equal numbers of points, and move all rows to new columns, part after part.
+
+        Within a part the rows keep the order of the files. The old columns are removed.
+        """
         columns = self._columns
         if columns.get("scattered") is None:
             self._cut_and_scatter(progress)
@@ -73,7 +78,11 @@ class Arrangement:
         made: dict[str, Column],
         free: NDArray[np.int64],
     ) -> None:
-        """Append the rows of a chunk to their parts. free : (parts,), the next free row of each part"""
+        """Append the rows of a chunk to their parts in the new columns.
+
+        chunk : rows of each column by name; row : number of the first one; cuts : planes that separate the parts
+        made : the new columns by name; free : (parts,) int64, the next free row of each part, which is updated
+        """
         part = cuts.parts_of(chunk["positions"], row)
         order = np.argsort(part, kind="stable")
         ends = np.bincount(part, minlength=self.parts).cumsum()
@@ -84,7 +93,7 @@ class Arrangement:
         free += np.diff(ends, prepend=0)
 
     def sort(self, part: int) -> None:
-        """Write the rows of a part in kd order, and the bounding boxes of its tiles."""
+        """Write the rows of a part in kd order, and the bounding boxes of its ranges of 4,096 points."""
         columns = self._columns
         rows = slice(part * self._size, min((part + 1) * self._size, self._count))
         positions = columns[SCATTERED + "positions"][rows]
@@ -94,7 +103,7 @@ class Arrangement:
         columns["tiles"].write(rows.start // TILE, boxes_of(positions[order]))
 
     def make_columns(self) -> None:
-        """Create the columns that `sort` writes to."""
+        """Create the columns in kd order and that of bounding boxes, which `sort` writes to, unless they exist."""
         columns = self._columns
         for name in self._names:
             if SORTED + name not in columns:
@@ -104,19 +113,19 @@ class Arrangement:
             columns.make("tiles", np.float32, 6, -(-self._count // TILE))
 
     def tidy(self) -> None:
-        """Remove the columns that are not needed after all parts are sorted."""
+        """Remove the columns that are not in kd order, which are not needed after all parts are sorted."""
         for name in self._names:
             self._columns.drop(SCATTERED + name)
 
 
 def boxes_of(positions: Floats) -> Floats:
-    """Return the bounding boxes of tiles of positions, low x y z, high x y z."""
+    """Return the bounding boxes, (k, 6) as low x y z, high x y z, of consecutive ranges of `TILE` (4,096) positions."""
     first = np.arange(0, len(positions), TILE)
     low, high = np.minimum.reduceat(positions, first), np.maximum.reduceat(positions, first)
     return np.concatenate([low, high], axis=1)
 
 
 def chunks_of(column: Column) -> Iterator[NDArray[Any]]:
-    """Yield the rows of a column, `CHUNK` at a time."""
+    """Yield the rows of a column on disk in order, `CHUNK` (2^20) at a time."""
     for start in range(0, len(column), CHUNK):
         yield column[start : start + CHUNK]

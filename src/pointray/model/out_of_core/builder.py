@@ -61,11 +61,13 @@ SEPARATED_AT = 0.3  # progress after scattered points are in columns of their ow
 
 @dataclass(frozen=True)
 class BuildOptions:
-    """Options of a model, see `Model`.
+    """Options of a model that is built from a cloud on disk.
 
+    settings : the implicit surface, the samples along a ray, limits of hits and the voxel size
+    smooth : standard deviation of the noise to remove from the positions, or "auto"
     size : points of a part, a power of two
     leveled : whether parts get levels of detail
-    drawing : how scattered points are drawn, possibly "auto", see `check_drawing`; None: as `Model` does
+    drawing : how points that lie on no surface are drawn; None: as spheres, but like the surface with given radii
     given : whether the cloud has radii; None: decided by its columns
     """
 
@@ -78,17 +80,19 @@ class BuildOptions:
 
 
 class OutOfCoreBuilder:
-    """Builder of a model from a cloud on disk; `build` runs all stages.
+    """Builder of a model in parts from a cloud on disk that may be larger than memory; `build` runs all stages.
 
     Parameters
     ----------
     folder : path
         Folder of the model.
     columns : Columns
-        As left by `spool`; results are added.
+        Columns on disk with the cloud as read from its files; results are added.
     spooled : Spooled
+        Description of the cloud in these columns.
     options : BuildOptions
     progress : callable, optional
+        Called with the fraction done.
     tasks : TaskExecutor, optional
         Workers that process parts and see the folder. None: this process.
     """
@@ -119,7 +123,10 @@ class OutOfCoreBuilder:
         self.settings, self._progress = options.settings, progress
 
     def build(self) -> int:
-        """Run all stages and write the model, the index last; return the number of points."""
+        """Run all stages and write the model, the index last; return the number of points.
+
+        First the points that lie on no surface are separated; the surface and they are then built one after the other.
+        """
         all_written, drawing = [], self._drawing
         surface, loose = self._separate()
         written = None if surface is None else surface.make()
@@ -137,7 +144,7 @@ class OutOfCoreBuilder:
         return sum(written.layer.total for written in all_written)
 
     def make(self) -> WrittenParts:
-        """Run all stages of a surface, and write its parts."""
+        """Run all stages of a surface, from sorting to radii, and write its parts; return what was written."""
         self._arrange()
         self._merge()
         self._place()
@@ -146,17 +153,25 @@ class OutOfCoreBuilder:
 
     @property
     def _info(self) -> ModelInfo:
-        """Facts that the model's files contain."""
+        """Facts that the model's files contain: folder, id, origin, georeference and names of attributes."""
         spooled = self._spooled
         return ModelInfo(self._folder, id_in(self._columns), spooled.origin, spooled.georeference, list(self._names))
 
     @property
     def _radii(self) -> str | None:
-        """Name of the column with given radii; None: automatic."""
+        """Name of the column on disk with given radii; None: radii are chosen from the spacing."""
         return f"points.{self._names[RADIUS]}" if self._given else None
 
     def _separate(self) -> tuple[OutOfCoreBuilder | None, Work | None]:
-        """Return the builder of the surface and the columns of scattered points; None for either without points."""
+        """Move the points that lie on no surface to columns of their own, unless they are drawn like the surface.
+
+        Returns
+        -------
+        surface : OutOfCoreBuilder or None
+            Builder of the surface from the other points; None if there are no others.
+        scattered : Work or None
+            Columns of the points that lie on no surface; None if no point is drawn as such.
+        """
         if not self._drawing.is_apart:
             return self, None
         columns, work, drawing = self._columns, self._work, self._drawing
@@ -189,7 +204,10 @@ class OutOfCoreBuilder:
             arrangement.tidy()
 
     def _merge(self) -> None:
-        """Move second layers onto one surface."""
+        """Move second layers, such as those of misaligned scans, onto one surface.
+
+        With given radii nothing is moved.
+        """
         if self._options.smooth == 0.0 or self._given:
             return
         cloud, work = self._cloud, self._work
@@ -200,7 +218,10 @@ class OutOfCoreBuilder:
         self._columns.put(stages.MERGED, {})
 
     def _place(self) -> None:
-        """Find normals and noise, and smooth noisy points."""
+        """Find the surface: remove noise from the positions, fit or check normals, and choose their signs.
+
+        Warn of normals that were missing or not of unit length.
+        """
         cloud, sigma, work = self._cloud, self._options.smooth, self._work
         has_normals = stages.GIVEN in self._columns
         if has_normals:
@@ -228,7 +249,7 @@ class OutOfCoreBuilder:
             warn(text, stacklevel=4)
 
     def _noise_ranges(self) -> NoiseRanges:
-        """Measure the noise of all parts."""
+        """Measure the noise in all parts; return it for ranges of points along the kd order of the whole cloud."""
         facts = self._work.each("noise", partial(measure_noise, self._work, self._cloud), (TURNED_AT, EXAMINED))
         kinds = np.int64, np.float32, np.float64, np.float64
         arrays = [
@@ -238,7 +259,7 @@ class OutOfCoreBuilder:
         return raise_to_typical(NoiseRanges(*arrays))
 
     def _check_signs(self) -> None:
-        """Warn of normals that face opposite sides; recompute their signs."""
+        """Recompute the signs of the normals from the files, with a warning, if over 5% of neighbours disagree."""
         columns, rows = self._columns, sample_rows(self._cloud.total)
         where = columns[self._cloud.latest(stages.MERGED, stages.POSITIONS)]
         unit, length = to_units(columns[stages.GIVEN][rows])
@@ -250,7 +271,7 @@ class OutOfCoreBuilder:
             warn(f"{opposite}: directions kept, signs recomputed", stacklevel=5)
 
     def _support(self) -> None:
-        """Find the support of each point."""
+        """Find the support radius of each point, and write it to a column; warn of isolated points."""
         cloud, work = self._cloud, self._work
         supporting = Supporting(self._radii, self._options.settings)
         statistics = work.statistics_for("support", partial(supporting.find, cloud))
@@ -264,7 +285,7 @@ class OutOfCoreBuilder:
             warn(note, stacklevel=4)
 
     def _write(self) -> WrittenParts:
-        """Write the files of all parts."""
+        """Write the files of all parts of the surface, with levels of detail if the options say so."""
         facts, settings = self._supports, self._options.settings
         if any(fact["tight"] for fact in facts):
             settings = settings._replace(trim=LOOSE_TRIM)
@@ -278,14 +299,17 @@ class OutOfCoreBuilder:
         return finish_surface(self._info, self._work, splats, settings, self._options.leveled, (SUPPORTED, LEVELED))
 
     def _given_sources(self, prefix: str = "") -> dict[str, layer.Source | None]:
-        """Return the columns of the points as given, see `Layer`. prefix : of these columns"""
+        """Return the columns of the points as given, by the names that a `Layer` has for these properties.
+
+        prefix : of the names of the columns; "points." for those in kd order
+        """
         names = {layer.GIVEN_POSITIONS: "positions", layer.GIVEN_NORMALS: "normals", layer.COLORS: "colors"}
         names |= {f"{layer.ATTRIBUTE}{k}": column for k, column in enumerate(self._names.values())}
         return {name: prefix + column for name, column in names.items()}
 
 
 def _limit_noise(columns: Columns) -> None:
-    """Limit the noise to the radii: a surface has no bumps higher than its supports."""
+    """Limit the noise of each point to its radius: a surface has no bumps higher than its supports."""
     noise, radii = columns[stages.NOISE], columns[RADII]
     for start in range(0, len(radii), CHUNK):
         rows = slice(start, start + CHUNK)

@@ -19,15 +19,18 @@ Whole = NDArray[np.int64]
 
 
 class OnDiskVotes:
-    """Votes in columns, see `VoteTables`. Transforming them replaces the columns.
+    """Votes on disk by which the signs of normals are joined across a whole cloud, as tables read one at a time.
+
+    A vote states whether the normals of two pieces (connected points with consistent normals) agree. Each table holds
+    the pairs whose lower piece is in one range. `VoteTables` is the interface.
 
     Parameters
     ----------
     columns : Columns
     names : sequence of str
-        Columns of votes, see `keep`; each pair occurs at most once per column.
+        Columns of votes, written by `keep`; each pair occurs at most once per column.
     cuts : sequence of (t + 1,) int64
-        Result of `keep` for each column.
+        Rows of each column at which its t tables begin and end, as `keep` returns them.
     """
 
     def __init__(self, columns: Columns, names: Sequence[str], cuts: Sequence[Whole]) -> None:
@@ -40,7 +43,11 @@ class OnDiskVotes:
             yield sum_votes([Votes(*np.ascontiguousarray(rows.T)) for rows in found or [np.empty((0, 3), np.int64)]])
 
     def changed(self, change: Callable[[Votes], Votes], pieces: int) -> VoteTables:
-        """Transform all tables, see `VoteTables`; few votes are kept in memory."""
+        """Return the votes after a change of each table, such as renumbering the pieces; the old columns are removed.
+
+        change : called with the votes of a table; pieces : number of pieces afterwards; if few, votes are kept in
+            memory
+        """
         if pieces <= PIECES:
             return InMemoryVotes([change(votes) for votes in self])
         generation, names, cuts = _generation(self._names[0]) + 1, [], []
@@ -53,9 +60,10 @@ class OnDiskVotes:
 
 
 def keep(columns: Columns, name: str, votes: Votes, pieces: int) -> Whole:
-    """Write votes to a new column; return the first row of each table, and the number of rows.
+    """Write votes to a new column on disk; return the first row of each table, then the number of rows.
 
-    pieces : number of pieces of the whole cloud
+    votes : sorted by pairs of pieces (connected points with consistent normals); pieces : their number in the whole
+        cloud
     """
     columns.fill(name, np.stack(votes, axis=1))
     tables = max(-(-pieces // PIECES), 1)
@@ -63,14 +71,17 @@ def keep(columns: Columns, name: str, votes: Votes, pieces: int) -> Whole:
 
 
 def drop_all(columns: Columns) -> None:
-    """Remove all columns of votes."""
+    """Remove all columns on disk that hold votes on the signs of normals."""
     for name in columns.names:
         if name.startswith(VOTES):
             columns.drop(name)
 
 
 def name_of(k: int, generation: int = 0) -> str:
-    """Return the name of a column of votes."""
+    """Return the name of a column of votes.
+
+    k : number of the part that the votes are from, or of the table; generation : how often the votes have been changed
+    """
     return f"{VOTES}{generation:02d}-{k:04d}"
 
 

@@ -10,9 +10,14 @@ from pathlib import Path
 
 @contextmanager
 def exclusive_lock(folder: Path) -> Iterator[None]:
-    """Lock a folder; raise a ValueError if another process holds the lock or has just removed the folder.
+    """Lock a folder against other processes for a `with` block.
 
     The lock is omitted on a file system without locks, and on Windows, where the owner could not remove its open file.
+
+    Raises
+    ------
+    ValueError
+        If another process holds the lock or has just removed the folder.
     """
     from filelock import FileLock, Timeout  # takes 50 ms, so only here
 

@@ -21,16 +21,16 @@ FOUND, VOTED, JOINED, EXAMINED = 0.4, 0.75, 0.8, 0.9  # progress of the passes
 
 
 class Facing:
-    """Orientation of the normals in a column.
+    """Choice of signs for the normals of a cloud in parts, so that neighbours agree and normals face outward.
 
     Parameters
     ----------
     work : Work
     cloud : Cloud
     places, normals : str
-        Columns of positions, and of normals with arbitrary signs.
+        Names of the columns with positions, and with normals of arbitrary signs.
     near : int
-        Number of neighbours along which signs propagate.
+        Number of neighbours of each point along which signs propagate.
     """
 
     def __init__(self, work: Work, cloud: Cloud, places: str, normals: str, near: int) -> None:
@@ -41,7 +41,12 @@ class Facing:
             work.make_column(name, dtype)
 
     def orient(self, span: Span) -> None:
-        """Write the sign of each normal to the column `SIGNED`; signs known from scanners are kept."""
+        """Write the sign of each normal, int8 1 or -1, to the column `SIGNED`.
+
+        Normals whose signs are known from scanner positions keep them.
+
+        span : begin and end of this stage, as fractions of all work
+        """
         work = self._work
         firsts = firsts_of(work.all(self._find, within(span, 0.0, FOUND)))
         shared = self._signs.gather(firsts, work.all(partial(self._vote, firsts), within(span, FOUND, VOTED)))
@@ -64,7 +69,14 @@ class Facing:
         return self._signs.examine(self._load(part, alone=True), part, firsts, shared[part])
 
     def _known_groups(self, firsts: Whole, known: Column, groups: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Return which groups have signs known from scanners, and which of these to invert, see `orient_unknown`."""
+        """Return which groups of points contain normals known from scanner positions, and which of these to invert.
+
+        A group is a connected set of points whose normals are consistent with each other. Both are (groups,) bool.
+
+        firsts : (parts + 1,) number of the first piece (points with reliable relative signs) of each part, then of all
+            pieces
+        known : column on disk, not 0 where the normal is known; groups : number of groups
+        """
         counts, votes = np.zeros((2, groups))
         for part in range(self._work.parts):
             group, sign = self._signs.known_signs(part, firsts, known[self._work.part_rows(part)] != 0)
@@ -73,7 +85,10 @@ class Facing:
         return counts > 0, votes < 0
 
     def _load(self, part: int, alone: bool = False) -> signs.Local:
-        """Return a part with its margin. alone : without margin and neighbours"""
+        """Return the positions and normals of a part and its margin, and the neighbours of its own points.
+
+        alone : without the margin and without neighbours
+        """
         columns = self._work.columns
         local = _own(self._work, part) if alone else self._work.local(part)
         near = np.empty((0, 0), np.int32) if alone else near_in(self._cloud, local, local.core, self._near)
@@ -82,7 +97,12 @@ class Facing:
 
 
 def near_in(cloud: Cloud, local: Local, core: slice | Whole, count: int) -> NDArray[np.int32]:
-    """Return the neighbours of a part's own points, or of some points, (m, k), each itself first."""
+    """Return the neighbours of some points of a part, (m, k) int32, each point itself first.
+
+    cloud : whose current positions are used
+    local : rows of the part and its margin, which the neighbours are indices into
+    core : the m points, as indices into `local`: consecutive ones or an array; count : k, at most
+    """
     places = local.read(cloud.columns[cloud.latest(MERGED, POSITIONS)])
     tree = NeighborTree(places, in_order=True)
     if isinstance(core, slice):
@@ -103,7 +123,11 @@ def _own(work: Work, part: int) -> Local:
 
 
 def turn_fits(work: Work, cloud: Cloud, has_planes: bool, span: Span) -> None:
-    """Write the fitted normals with their signs to the column `FACED`."""
+    """Write the fitted normals of a cloud with consistent, outward signs to the column `FACED`, unless already done.
+
+    has_planes : whether signs are found with planes around noisy points, and then given to the normals
+    span : begin and end, as fractions of all work
+    """
     columns = work.columns
     if columns.get(FACED) is not None:
         return
@@ -115,7 +139,10 @@ def turn_fits(work: Work, cloud: Cloud, has_planes: bool, span: Span) -> None:
 
 
 def _turn(work: Work, cloud: Cloud, has_planes: bool, part: int) -> None:
-    """Write the fitted normals of a part with their signs."""
+    """Write the fitted normals of a part with their signs to the column `FACED`.
+
+    has_planes : whether the signs found are those of planes around the points, which the normals must face
+    """
     columns, normals = work.columns, work.read(NORMALS, part)
     if has_planes:
         local = work.local(part)
@@ -127,7 +154,12 @@ def _turn(work: Work, cloud: Cloud, has_planes: bool, part: int) -> None:
 
 
 def turn_given(work: Work, cloud: Cloud, span: Span) -> None:
-    """Write the given normals, at unit length and with recomputed signs, to the column `TURNED`."""
+    """Write the normals from the files, at unit length and with recomputed signs, to the column `TURNED`.
+
+    Needed if neighbouring normals of the files face opposite sides; done once.
+
+    span : begin and end of this stage, as fractions of all work
+    """
     columns = work.columns
     if columns.get(TURNED) is not None:
         return
@@ -143,7 +175,13 @@ def turn_given(work: Work, cloud: Cloud, span: Span) -> None:
 
 
 def _put_units(work: Work, cloud: Cloud, part: int) -> Facts:
-    """Write the normals of a part at unit length."""
+    """Write the normals of a part at unit length, and where scanner positions are known.
+
+    Returns
+    -------
+    dict
+        mended : numbers of missing normals, which are replaced, and of normals of another length.
+    """
     local = work.local(part)
     found = units(cloud, local)
     local.write_all(work.columns, {UNITS: found.normals, KNOWN: found.known})

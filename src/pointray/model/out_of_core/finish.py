@@ -40,11 +40,11 @@ SHOWN, TREES = 0.07, 0.6  # progress after boxes, and after trees; levels of det
 
 
 class WrittenParts(NamedTuple):
-    """Written parts of the surface, or of the scattered points.
+    """Parts of a model that are written to files: those of the surface, or those of points drawn as spheres or discs.
 
     layer : their points, as given and as rays meet them
-    files : index entries of the parts; supports : bounding boxes of supports
-    longest : longest sampling step; median : median radius, or None
+    files : index entries of the parts; supports : bounding boxes of supports, (6,) each
+    longest : longest sampling step; median : median radius of a surface with levels of detail, else None
     """
 
     layer: Layer
@@ -55,7 +55,7 @@ class WrittenParts(NamedTuple):
 
 
 class Chain:
-    """Concatenation of columns or arrays, for `write_points`."""
+    """Concatenation of columns on disk or arrays, which `write_points` reads by slices like one array."""
 
     def __init__(self, columns: list[Column | NDArray[Any]]) -> None:
         self._columns = columns
@@ -72,7 +72,7 @@ class Chain:
 
 
 class Numbers:
-    """Row numbers, as if read from a column."""
+    """Stand-in for a column on disk whose value in each row is the number of the row, such as that of splats' rows."""
 
     def __getitem__(self, rows: Any) -> NDArray[np.int32]:
         return np.arange(rows.start, rows.stop, dtype=np.int32) if isinstance(rows, slice) else rows.astype(np.int32)
@@ -81,7 +81,11 @@ class Numbers:
 def finish_surface(
     named: ModelInfo, work: Work, layer: Layer, settings: TreeSettings, leveled: bool, span: Span
 ) -> WrittenParts:
-    """Write the parts of the surface, with levels of detail if `leveled`. layer : its splats, number 0"""
+    """Write the files of the parts of a surface, and of their levels of detail; return what was written.
+
+    named : facts that all files contain; layer : splats of the full model; leveled : whether to write levels of detail
+    span : begin and end of this stage, as fractions of all work
+    """
     grown = within(span, 0.0, TREES if leveled else 1.0)
     shows = work.all(partial(_show, layer, work.size), within(span, 0.0, SHOWN), "boxes")
     plan = plan_of(shows, layer.column(RADII), work.size)
@@ -103,7 +107,13 @@ def finish_loose(
     leveled: bool,
     span: Span,
 ) -> WrittenParts:
-    """Write the parts of scattered points, which follow those of the surface. layer : see `LooseParts`"""
+    """Write the files of the parts of scattered points (drawn as spheres or discs); return what was written.
+
+    These parts follow those of the surface.
+
+    layer : the scattered points; drawing : how they are drawn; surface : parts written before; None: no surface
+    leveled : whether to write levels of detail; span : begin and end, as fractions of all work
+    """
     middle = (span[0] + span[1]) / 2
     parts, rows = ([], 0) if surface is None else (surface.files, surface.layer.total)
     loose = LooseParts(layer, drawing, len(parts), rows)
@@ -123,9 +133,11 @@ def finish(
     report: Progress | None,
     bounds: list[list[float]] | None = None,
 ) -> None:
-    """Write the points and, last, the index.
+    """Write the points of all parts and, last, the index, which makes the folder a model.
 
-    loose : number of scattered points; bounds : of the model; None: of the points of all parts
+    all_written : parts of the surface, then of scattered points; settings : of the model, as JSON types
+    loose : number of scattered points (drawn as spheres or discs); report : called with the fraction done
+    bounds : (2, 3) of the model, world; None: of the points of all parts
     """
     given = {
         "points.positions": GIVEN_POSITIONS,
@@ -151,7 +163,7 @@ def finish(
 
 
 def _splats_of(layer: Layer) -> Splats:
-    """Return all splats, as columns or arrays."""
+    """Return the splats of a full model, with columns on disk or arrays as fields."""
     arrays: list[Any] = [layer.column(name) for name in (POSITIONS, NORMALS, RADII)]
     arrays.append(Numbers())
     arrays += [layer.column(name) if name in layer else None for name in (COLORS, BORDERS, SHEETS, NOISE)]
@@ -159,17 +171,28 @@ def _splats_of(layer: Layer) -> Splats:
 
 
 def _show(layer: Layer, size: int, part: int) -> tuple[Groups, NDArray[np.float32]]:
-    """Return the groups and bounds of a part that other parts need."""
+    """Return what the trees of other parts need of a part: the bounds of each 64 blocks, and (6,) of all supports.
+
+    size : splats of a part
+    """
     return shown(_splats_of(layer), size, part)
 
 
 def _grow(named: ModelInfo, layer: Layer, plan: Plan, settings: TreeSettings, part: int) -> Facts:
-    """Write the file of a part with its tree."""
+    """Build the tree of a part of a surface and write its file.
+
+    plan : values that the trees of all parts share
+
+    Returns
+    -------
+    dict
+        file : index entry; longest : longest step between samples.
+    """
     tree, here = tree_of(_splats_of(layer), plan, part, settings), layer.read(GIVEN_POSITIONS, layer.own(part))
     file = write_part(named.folder, named.id, part, len(here), bounds_about(here, named.origin), tree)
     return {"file": file.facts, "longest": float(tree.head[LONGEST])}
 
 
 def id_in(columns: Columns) -> str:
-    """Return the id that all files of the folder contain; create it if missing."""
+    """Return the hexadecimal number that all files of a model in parts contain; create and store it if missing."""
     return str(columns.get_or_put("id", lambda: {"id": secrets.token_hex(8)})["id"])

@@ -18,9 +18,9 @@ Rows = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Grid:
-    """Grid of a level.
+    """Grid of cubic cells, in each of which a level of detail merges splats.
 
-    cell : edge of a cell; low : (3,) origin
+    cell : edge of a cell; low : (3,) lower corner of the grid, relative to the points' origin
     """
 
     cell: float
@@ -28,9 +28,12 @@ class Grid:
 
 
 def cells_of_part(layer: Layer, grid: Grid, part: int, sides: bool = True) -> tuple[Rows, Groups] | None:
-    """Return the groups of splats in a cell that a part owns: those whose first splat belongs to the part.
+    """Return the groups of splats in a cell of a grid that are merged into one splat of a part.
 
-    sides : whether splats in a cell that face different main directions form different groups
+    A part owns the groups whose first splat belongs to it; the other splats may belong to other parts.
+
+    layer : splats of all parts; sides : whether splats in a cell that face different main directions form different
+        groups
 
     Returns
     -------
@@ -62,5 +65,5 @@ def cells_of_part(layer: Layer, grid: Grid, part: int, sides: bool = True) -> tu
 
 
 def widened(boxes: Floats, reach: float) -> Floats:
-    """Return boxes (n, 6) enlarged by a distance on each side."""
+    """Return boxes, (n, 6) as low x y z, high x y z, enlarged by a distance on each side."""
     return np.concatenate([boxes[:, :3] - np.float32(reach), boxes[:, 3:] + np.float32(reach)], axis=1)

@@ -30,19 +30,19 @@ FOUR = 4  # splats of a block, which share their noise
 
 
 class Layer:
-    """Level of detail of a model in parts.
+    """The splats of one level of detail of a model in parts, in columns on disk, part after part.
 
     Parameters
     ----------
     number : int
-        0 is the full model.
+        Number of the level; 0 is the full model.
     columns : Columns
     capacity : (parts,) int64
         Rows reserved for each part in the columns.
     sizes : (parts,) int64
-        Number of splats of each part; they come first.
+        Number of splats of each part, which are the first of its rows.
     sources : dict of str to str or array
-        Column or array of each property of the splats.
+        Column on disk (its name) or array of each property of the splats, such as "positions", "normals" and "radii".
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class Layer:
         self._open: dict[str, Column] = {}
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state without open files."""
+        """Return the state for pickles: without open files, which each process opens when it needs them."""
         return {**self.__dict__, "_open": {}}
 
     @property
@@ -62,12 +62,12 @@ class Layer:
         return int(self.sizes.sum())
 
     def own(self, part: int) -> slice:
-        """Return the rows of a part."""
+        """Return the rows of a part's splats in the columns."""
         first = int(self.capacity[:part].sum())
         return slice(first, first + int(self.sizes[part]))
 
     def rows_of(self, numbers: slice) -> Rows:
-        """Return the rows of a range of all splats, numbered without unused rows."""
+        """Return the rows in the columns of a range of splats. numbers : of the splats, counted without unused rows"""
         ends = np.cumsum(self.sizes)
         places = np.arange(numbers.start, min(numbers.stop, int(ends[-1])))
         part = np.searchsorted(ends, places, side="right")
@@ -77,7 +77,10 @@ class Layer:
         return name in self.sources
 
     def column(self, name: str) -> Column | NDArray[Any]:
-        """Return all rows of a property."""
+        """Return the column on disk, or the array, with a property of the splats of all parts.
+
+        name : such as "positions"
+        """
         source = self.sources[name]
         return self._opened(source) if isinstance(source, str) else source
 
@@ -87,7 +90,10 @@ class Layer:
         return self._open[name]
 
     def read(self, name: str, rows: slice | Rows) -> NDArray[Any]:
-        """Return some rows of a property. At level 0 the noise is the maximum over a block of four splats."""
+        """Return some rows of a property of the splats, such as "positions".
+
+        At level 0 the noise of each splat is the largest of its block of four, as a tree stores it.
+        """
         column = self.column(name)
         if name != NOISE or self.number:
             return np.asarray(column[rows])
@@ -96,11 +102,11 @@ class Layer:
         return np.max([column[np.minimum(block + k, len(column) - 1)] for k in range(FOUR)], axis=0)
 
     def find(self, name: str, rows: slice | Rows) -> NDArray[Any] | None:
-        """Return some rows of a property; None if it does not exist."""
+        """Return some rows of a property of the splats, such as "colors"; None if the splats do not have it."""
         return self.read(name, rows) if name in self else None
 
     def chunks(self, name: str) -> Iterator[NDArray[Any]]:
-        """Yield all rows of a property, part by part."""
+        """Yield the values of a property of all splats, part by part, at most 2^20 at a time."""
         column = self.column(name)
         for part in range(len(self.sizes)):
             own = self.own(part)
@@ -108,12 +114,15 @@ class Layer:
                 yield np.asarray(column[start : min(start + CHUNK, own.stop)])
 
     def make(self, name: str, dtype: Any, width: int = 0) -> None:
-        """Create a column for all rows, unless it exists."""
+        """Create a column on disk for a property of the splats, unless it exists.
+
+        width : numbers in a row, 0 for one axis
+        """
         self._make(name, dtype, width, int(self.capacity.sum()))
         self.sources[name] = self._name(name)
 
     def make_boxes(self) -> None:
-        """Create the column that `write_boxes` writes to."""
+        """Create the column of bounding boxes that `write_boxes` writes to, unless it exists."""
         self._make(BOXES, np.float32, 6, int(_tiles(self.capacity).sum()))
 
     def _make(self, name: str, dtype: Any, width: int, rows: int) -> None:
@@ -124,20 +133,25 @@ class Layer:
         return f"level.{self.number}.{name}"
 
     def write(self, name: str, part: int, values: NDArray[Any]) -> None:
-        """Write a property of the splats of a part."""
+        """Write a property of the splats of a part to its column on disk. values : (n,) or (n, width)"""
         self._opened(self._name(name)).write(self.own(part).start, values)
 
     def drop(self) -> None:
-        """Remove all columns of this level."""
+        """Remove all columns of this level from the disk."""
         self._open.clear()  # disk space of open files is not freed
         for name in self.columns.names:
             if name.startswith(self._name("")):
                 self.columns.drop(name)
 
     def write_all(self, part: int, named: Mapping[str, NDArray[Any] | None]) -> dict[str, Any]:
-        """Write the properties of the splats of a part, and its tiles' boxes; return their number and bounding box.
+        """Write the properties of the splats of a part, and bounding boxes for `near`.
 
-        named : by name, positions among them; None: not written
+        named : values by the name of the property, positions among them; None: not written
+
+        Returns
+        -------
+        dict
+            size : number of splats; low, high : corners of their bounding box, missing for a part without splats.
         """
         for name, values in named.items():
             if values is not None:
@@ -148,7 +162,7 @@ class Layer:
         return {"size": len(positions), **corners(positions)}
 
     def write_boxes(self, part: int, positions: Floats) -> None:
-        """Write the bounding boxes of the tiles of a part."""
+        """Write the bounding boxes of each 4,096 consecutive splats of a part, by which `near` finds splats."""
         if len(positions):
             first = int(_tiles(self.capacity[:part]).sum())
             self._opened(self._name(BOXES)).write(first, boxes_of(positions))
@@ -160,7 +174,9 @@ class Layer:
         wide: Floats | None,
         keep: Callable[[slice], NDArray[np.bool_]],
     ) -> Rows:
-        """Find rows near some boxes, ascending.
+        """Find the rows of splats near some boxes, ascending, without reading all splats.
+
+        A tile is here a range of 4,096 consecutive splats of a part, whose bounding box is known.
 
         Parameters
         ----------
@@ -171,7 +187,7 @@ class Layer:
         wide : (parts,) float32, optional
             Enlargement of the tiles of each part.
         keep : callable
-            Returns which of some rows to keep.
+            Called with a range of rows; returns a mask of those to keep.
         """
         found = [np.zeros(0, np.int64)]
         for rows in self._touched(part, boxes, wide):
@@ -181,12 +197,15 @@ class Layer:
         return np.concatenate(found)
 
     def boxes(self, part: int) -> Floats:
-        """Return the bounding boxes of a part's tiles, (n, 6)."""
+        """Return the bounding boxes of each 4,096 consecutive splats of a part, (n, 6)."""
         first = int(_tiles(self.capacity[:part]).sum())
         return np.asarray(self._opened(self._name(BOXES))[first : first + int(_tiles(self.sizes[part]))])
 
     def _touched(self, part: int | None, boxes: Floats, wide: Floats | None) -> Iterator[slice]:
-        """Yield the rows of all tiles that overlap some boxes, in long ranges."""
+        """Yield the rows of all tiles (ranges of 4,096 splats of a part) that overlap some boxes, in long ranges.
+
+        part : whose rows are skipped, or None; boxes : (m, 6); wide : (parts,) enlargement of the tiles, or None
+        """
         counts = _tiles(self.sizes)
         owner = np.repeat(np.arange(len(counts)), counts)
         number = np.arange(len(owner)) - (np.cumsum(counts) - counts)[owner]  # number of each tile within its part
@@ -208,7 +227,10 @@ class Layer:
 
 
 def finest_layer(work: Work, sources: Mapping[str, Source | None]) -> Layer:
-    """Return the full model. sources : None and missing columns are left out"""
+    """Return the splats of a full model in parts, level 0, from columns on disk or arrays.
+
+    sources : column name or array of each property of the splats; None and missing columns are left out
+    """
     names = work.columns.names
     known = {
         name: source
@@ -220,12 +242,12 @@ def finest_layer(work: Work, sources: Mapping[str, Source | None]) -> Layer:
 
 
 def corners(positions: Floats) -> dict[str, Any]:
-    """Return the corners of the bounding box of positions; empty without positions."""
+    """Return the corners of the bounding box of positions, low and high, as lists of 3; empty without positions."""
     if not len(positions):
         return {}
     return {"low": positions.min(axis=0).astype(float).tolist(), "high": positions.max(axis=0).astype(float).tolist()}
 
 
 def _tiles(rows: Any) -> Any:
-    """Return the number of tiles of `rows` rows."""
+    """Return the number of tiles (4,096 consecutive splats) that hold `rows` splats; also for arrays of numbers."""
     return -(-rows // TILE)

@@ -45,9 +45,10 @@ Rows = NDArray[np.int64]
 
 
 class SharedValues(NamedTuple):
-    """Values that the trees of all parts of a level share.
+    """Values that the trees of all parts share at one level of detail, so that rays get the same hits as in one tree.
 
-    supports : (6,) float32, bounds of all supports; reference : radius; steps are powers of two times it
+    supports : (6,) float32, bounds of all supports, where the samples along a ray begin
+    reference : radius; steps are powers of two times it
     longest : (parts,) float32, largest radius of each part
     """
 
@@ -57,17 +58,20 @@ class SharedValues(NamedTuple):
 
 
 class LevelProgress(NamedTuple):
-    """Number of levels written of a part, and the spacing of the last one, 0 if none."""
+    """How far the levels of detail of a part are written.
+
+    levels : their number; spacing : median radius of the last one, 0 if there is none
+    """
 
     levels: int
     spacing: float
 
 
 class ModelInfo(NamedTuple):
-    """Facts about a model that its files contain.
+    """Facts about a model in parts that its files contain.
 
-    folder : folder of the files; id : contained in all of them
-    origin : (3,) float64; attributes : names
+    folder : folder of the files; id : hexadecimal number, contained in all of them
+    origin : (3,) float64, of the positions; attributes : names
     """
 
     folder: Path
@@ -78,16 +82,28 @@ class ModelInfo(NamedTuple):
 
 
 def show_part(layer: Layer, part: int) -> Facts:
-    """Write the bounding boxes of a part's tiles; return the bounding box of its splats."""
+    """Write bounding boxes of each 4,096 splats of a part at full detail, by which those near other parts are found.
+
+    Returns
+    -------
+    dict
+        low, high : corners of the bounding box of all its splats.
+    """
     positions = layer.read(POSITIONS, layer.own(part))
     layer.write_boxes(part, positions)
     return corners(positions)
 
 
 def coarsen_part(fine: Layer, coarse: Layer, grid: Grid, categories: list[str], part: int) -> Facts:
-    """Write the splats of a part's next level; return their number and bounding box.
+    """Write the splats of a part's next level of detail: means of the splats in each grid cell that face the same way.
 
-    categories : the columns of attributes that have categories
+    fine : splats of the finer level; coarse : the level, which is written
+    categories : the columns of attributes that have categories, of which the most common one is kept
+
+    Returns
+    -------
+    dict
+        size : number of splats; low, high : corners of their bounding box.
     """
     cells = cells_of_part(fine, grid, part)
     if cells is None:
@@ -104,7 +120,10 @@ def coarsen_part(fine: Layer, coarse: Layer, grid: Grid, categories: list[str], 
 
 
 def survey_supports(layer: Layer, cell: float) -> dict[str, float]:
-    """Compute the statistics of a level from a sample."""
+    """Compute the statistics, by name, from which support radii are chosen in all parts of a level of detail.
+
+    They are computed from a sample of the splats. cell : edge of the level's grid
+    """
     rows = own = np.concatenate([layer.rows_of(some) for some in sample_of(layer.total)])
     if len(own) < layer.total:
         here, reach = layer.read(POSITIONS, own), MARGIN * cell
@@ -115,7 +134,17 @@ def survey_supports(layer: Layer, cell: float) -> dict[str, float]:
 
 
 def support_part(layer: Layer, cell: float, known: dict[str, float], part: int) -> Facts:
-    """Write the supports of a part's splats; return their largest radius, and how many belong to close sheets."""
+    """Find the support radii of a part's splats at a level of detail, and write them, open borders and close sheets.
+
+    cell : edge of the level's grid; known : statistics of the level
+
+    Returns
+    -------
+    dict
+        longest : largest radius; supports : (6,) bounds of the supports
+        borders : whether there are open borders
+        sheets : number of splats with an opposite sheet close by
+    """
     own = layer.own(part)
     if own.start == own.stop:
         return {"longest": 0.0, "borders": False, "sheets": 0}
@@ -139,7 +168,11 @@ def support_part(layer: Layer, cell: float, known: dict[str, float], part: int) 
 
 
 def _supports(layer: Layer, rows: Rows, cell: float, known: dict[str, float], sample: Rows | None = None) -> Support:
-    """Return the supports of some splats, in the order of their rows. sample : rows that `known` is computed from"""
+    """Return the support radii, open borders and close sheets of some splats of a level of detail, in the rows' order.
+
+    cell : edge of the level's grid, the lower limit of the radii
+    known : statistics of the level by name; sample : rows that they are computed from; None: they are complete
+    """
     positions = layer.read(POSITIONS, rows)
     order = kd_order(positions)
     back = np.empty(len(order), np.int64)
@@ -173,9 +206,15 @@ def tree_part(
     written: list[LevelProgress | None],
     part: int,
 ) -> Facts:
-    """Write the file of a part's level; return its index entry and surface bounds, or no entry if nothing can be hit.
+    """Write the file of a part's level of detail, unless it is not wanted, has no surface or is no coarser than before.
 
-    cells : (parts, 6) the space of each part; written : levels written of each part, None: no further level is wanted
+    layer : splats of all parts; cells : (parts, 6) the space of each part; whole : values shared with other trees
+    written : levels written of each part so far, None where no further level is wanted
+
+    Returns
+    -------
+    dict
+        file : index entry, None if nothing was written; reach : (2, 3) bounds of the surface.
     """
     before = written[part]
     rows = None if before is None else _reaching(layer, cells[part], whole, longest_step(LEVEL_SAMPLES))
@@ -201,7 +240,7 @@ def tree_part(
 
 
 def splats_at(layer: Layer, rows: slice | Rows, first: int = 0) -> Splats:
-    """Return the splats of some rows, numbered from `first` on."""
+    """Return the splats of some rows of a level of detail. first : number of the first one; the others follow"""
     positions, normals, radii = (layer.read(name, rows) for name in (POSITIONS, NORMALS, RADII))
     colors, borders, sheets, noise = (layer.find(name, rows) for name in (COLORS, BORDERS, SHEETS, NOISE))
     numbers = np.arange(first, first + len(radii), dtype=np.int32)
@@ -210,14 +249,17 @@ def splats_at(layer: Layer, rows: slice | Rows, first: int = 0) -> Splats:
 
 
 def points_at(layer: Layer, rows: slice | Rows, named: ModelInfo) -> Points:
-    """Return some splats as points with attributes."""
+    """Return some splats of a level of detail as points, with colours and attributes."""
     attributes = {name: layer.read(f"{ATTRIBUTE}{k}", rows) for k, name in enumerate(named.attributes)}
     columns = layer.read(POSITIONS, rows), layer.read(NORMALS, rows), layer.find(COLORS, rows)
     return Points.about(named.origin, *columns, attributes, named.georeference)
 
 
 def _reaching(layer: Layer, cell: NDArray[np.float64], whole: SharedValues, step: float) -> Rows:
-    """Return the splats whose supports reach into a box, or within a sampling step of it."""
+    """Return the rows of the splats whose supports reach into a box, or within a sampling step of it.
+
+    cell : (6,) the box; whole : largest radius of each part; step : length of a step in radii
+    """
 
     def reach(around: float) -> Rows:
         def keep(rows: slice) -> NDArray[np.bool_]:
@@ -234,7 +276,10 @@ def _reaching(layer: Layer, cell: NDArray[np.float64], whole: SharedValues, step
 
 
 def _around(layer: Layer, positions: Floats, reach: float) -> Callable[[slice], NDArray[np.bool_]]:
-    """Return a function that finds the rows within a distance of positions, or slightly farther away."""
+    """Return a function that marks the splats near some positions, for `Layer.near`: it takes a range of rows.
+
+    It marks all splats within the distance `reach`, and some slightly farther away.
+    """
     low = positions.min(axis=0).astype(np.float64) - 2 * reach
     count = np.floor((positions.max(axis=0) - low) / reach).astype(np.int64) + 3
 

@@ -32,14 +32,14 @@ COARSENED, SUPPORTED = 0.3, 0.6  # progress within a level
 
 
 class Steps(NamedTuple):
-    """Steps of each level.
+    """Steps that make each level of detail; those of a surface differ from those of points drawn as spheres or discs.
 
-    cell : edge of the grid cells that would correspond to the full model
+    cell : edge of the grid cells that would correspond to the full model; it is doubled for each level
     names : names of the attributes
-    make_columns : creates the columns of a level; called with the finer level and the level
-    coarsen : see `coarsen_part`
+    make_columns : creates the columns of a level on disk; called with the finer level and the level
+    coarsen : writes the splats of a part's level from the finer one, like `coarsen_part`
     shape : writes the files of a level, (level, cell, levels written of each part, span) -> facts of each part
-    others : surface bounds of other parts of the model, or None
+    others : surface bounds of other parts of the model, (2, 3) each, or None
     """
 
     cell: float
@@ -53,16 +53,20 @@ class Steps(NamedTuple):
 def write_levels(
     work: Work, whole: Layer, named: ModelInfo, cells: NDArray[np.float64], parts: list[PartFile], span: Span
 ) -> list[PartFile]:
-    """Write levels of detail of a surface; return the index entries of the parts.
+    """Write the files of all levels of detail of a surface in parts; return the parts' index entries, with levels.
 
     Parameters
     ----------
     whole : Layer
-        The full model.
+        The splats of the full model.
+    named : ModelInfo
+        Facts that all files contain.
     cells : (parts, 6) float64
         Space of each part.
     parts : list of PartFile
         Index entries without levels.
+    span : (float, float)
+        Begin and end of this stage, as fractions of all work.
     """
 
     def shape(layer: Layer, cell: float, written: list[LevelProgress | None], span: Span) -> list[Facts]:
@@ -73,7 +77,15 @@ def write_levels(
 
 
 def write_all_levels(work: Work, whole: Layer, steps: Steps, parts: list[PartFile], span: Span) -> list[PartFile]:
-    """Write levels of detail until no part has LEAST_POINTS splats in one; return the index entries of the parts."""
+    """Write levels of detail, each from the finer one, until no part has 700 splats (LEAST_POINTS) in one.
+
+    whole : splats of the full model; steps : what makes a level; span : begin and end, as fractions of all work
+
+    Returns
+    -------
+    list of PartFile
+        The index entries `parts` of the parts, with their levels and the bounds of all levels.
+    """
     columns, fine = work.columns, whole
     span = within(span, SHOWN, 1.0)
     whole.make_boxes()
@@ -115,7 +127,16 @@ def write_all_levels(work: Work, whole: Layer, steps: Steps, parts: list[PartFil
 
 
 def _coarsened(work: Work, layers: tuple[Layer, Layer], grid: Grid, steps: Steps, span: Span) -> list[Facts]:
-    """Write the splats of a level for all parts. layers : the finer level, and the level"""
+    """Write the splats of a level of detail for all parts, from the finer level.
+
+    layers : the finer level, and the level; grid : in whose cells splats are merged
+    span : begin and end of the level, as fractions of all work
+
+    Returns
+    -------
+    list of dict
+        One for each part. size : number of its splats; low, high : corners of their bounding box.
+    """
     fine, coarse = layers
     keys = {f"{ATTRIBUTE}{k}": name for k, name in enumerate(steps.names)}
     known = work.columns.get_or_put(
@@ -135,7 +156,17 @@ def _shaped(
     written: list[LevelProgress | None],
     span: Span,
 ) -> list[Facts]:
-    """Find the supports of a level, and write its files, see `tree_part`."""
+    """Find the support radii of a level of detail of a surface, and write its files.
+
+    layer : splats of the level; cell : edge of its grid; cells : (parts, 6) space of each part
+    written : levels written of each part so far, None where no further level is wanted
+    span : begin and end of the level, as fractions of all work
+
+    Returns
+    -------
+    list of dict
+        One for each part. file : index entry, None if nothing was written; reach : (2, 3) bounds of the surface.
+    """
     columns, stage = work.columns, f"level-{layer.number}"
     known = columns.get_or_put(f"{stage}-usual", lambda: level_steps.survey_supports(layer, cell))
     supports = work.each(
@@ -160,14 +191,17 @@ def _shaped(
 
 
 def _make_columns(fine: Layer, coarse: Layer) -> None:
-    """Create the columns of a level."""
+    """Create the columns on disk of a level of detail of a surface. fine : the finer level; coarse : the level"""
     for name in (BORDERS, LIMITS, SHEETS):
         coarse.make(name, np.int8 if name == SHEETS else np.float32, 3 if name == BORDERS else 0)
     make_columns(fine, coarse)
 
 
 def make_columns(fine: Layer, coarse: Layer) -> None:
-    """Create the columns that levels of the surface and of scattered points share."""
+    """Create the columns on disk that all levels of detail have: of a surface, and of points drawn as spheres or discs.
+
+    fine : the finer level, which decides on colours, noise and attributes; coarse : the level
+    """
     coarse.make_boxes()
     for name in (NORMALS, POSITIONS):
         coarse.make(name, np.float32, 3)
@@ -179,12 +213,15 @@ def make_columns(fine: Layer, coarse: Layer) -> None:
 
 
 def _is_done(columns: Columns, number: int) -> bool:
-    """Return whether a level is done for all parts: the columns that it was made from are gone."""
+    """Return whether level `number` is written for all parts; the columns that it was made from may be gone then."""
     return columns.get(f"level-{number}") is not None
 
 
 def median_of(layer: Layer, columns: Columns) -> float:
-    """Return the median of all radii of the finest level, equal to NumPy's."""
+    """Return the median of the support radii of all splats, equal to NumPy's; found once and stored.
+
+    layer : splats of the full model; columns : where the median is stored
+    """
 
     def compute() -> Facts:
         places = {(layer.total - 1) // 2, layer.total // 2}
@@ -195,8 +232,9 @@ def median_of(layer: Layer, columns: Columns) -> float:
 
 
 def _widened(reaches: list[list[Any]], others: Sequence[Any] = ()) -> list[Any]:
-    """Return the surface bounds of each part over all levels, limited to those of the finest level of any part.
+    """Return the surface bounds of each part over all its levels, limited to those of the full parts together.
 
+    reaches : for each part its bounds, then those of its levels, (2, 3) each; None: no surface
     others : surface bounds of further parts, or None
     """
     finest = np.array([box for box in (*(boxes[0] for boxes in reaches), *others) if box is not None])

@@ -26,38 +26,44 @@ Rows = NDArray[np.int64]
 
 
 class Local(NamedTuple):
-    """Points of some tiles.
+    """Rows of the points of a part and of its margin: the surrounding points that its surface depends on.
 
     rows : (n,) int64, ascending, their places in the kd order of the cloud
-    own : (m,) int64, indices of the part's own points; the others are its margin
+    own : (m,) int64, indices into `rows` of the part's own points; the others are its margin
     """
 
     rows: Rows
     own: Rows
 
     def read(self, column: Column) -> NDArray[Any]:
-        """Return the rows of a column."""
+        """Return the values of the points of a part and its margin, (n, ...), from a column of the whole cloud."""
         pieces = [column[run] for run in runs_of(self.rows)]
         return np.concatenate(pieces) if len(pieces) > 1 else pieces[0]
 
     @property
     def tiles(self) -> Rows:
-        """Tiles, ascending."""
+        """Numbers of the ranges of 4,096 consecutive points in kd order that hold a part and its margin, ascending."""
         return np.unique(self.rows // TILE)
 
     @property
     def core(self) -> slice:
-        """Indices of the own points of a part, which are consecutive."""
+        """Indices of the part's own points among those of the part and its margin; they must be consecutive."""
         return slice(int(self.own[0]), int(self.own[-1]) + 1)
 
     def write_all(self, columns: Columns, named: Mapping[str, NDArray[Any] | None]) -> None:
-        """Write the values of the part's own points to several columns, by name; None: nothing."""
+        """Write values of the part's own points to columns on disk.
+
+        named : values of the points of the part and its margin, (n, ...), by the name of the column; None: not written
+        """
         for name, values in named.items():
             if values is not None:
                 self.write(columns[name], values)
 
     def write(self, column: Column, values: NDArray[Any]) -> None:
-        """Write the values, (n, ...), of the part's own points to a column."""
+        """Write values of the part's own points to a column on disk.
+
+        values : (n, ...), of the points of the part and its margin
+        """
         start = 0
         for run in runs_of(self.rows[self.own]):
             column.write(run.start, values[self.own[start : start + run.stop - run.start]])
@@ -65,7 +71,9 @@ class Local(NamedTuple):
 
 
 def local_of(columns: Columns, part: Rows, count: int) -> Local:
-    """Return the points of a part and of the margin around it.
+    """Return the points of a part and of its margin: the surrounding points that its surface depends on.
+
+    A tile is here a range of 4,096 consecutive points in kd order, the unit in which points are read.
 
     Parameters
     ----------
@@ -88,7 +96,12 @@ def local_of(columns: Columns, part: Rows, count: int) -> Local:
 
 
 def points_of(tiles: Rows, part: Rows, count: int) -> Local:
-    """Return the points of some tiles, some of which belong to the part."""
+    """Return the rows of a part's points and of those around it, from the numbers of the tiles that contain them.
+
+    A tile is here a range of 4,096 consecutive points in kd order.
+
+    tiles : (k,) int64, all tiles, ascending; part : those of the part itself; count : number of points of the cloud
+    """
     rows = _rows_of(tiles, count)
     return Local(rows, np.flatnonzero(np.isin(rows // TILE, part)))
 
@@ -99,7 +112,13 @@ def _rows_of(tiles: Rows, count: int) -> Rows:
 
 
 def _margin(boxes: Floats, part: Rows, positions: Floats, reach: float) -> Rows:
-    """Return the tiles around a part, and those before and after each of its ranges, for interpolating noise."""
+    """Return the tiles (ranges of 4,096 points in kd order) around a part, and those beside each of its ranges.
+
+    The latter are needed to interpolate noise along the kd order.
+
+    boxes : (tiles, 6) bounding boxes; part : tiles of the part; positions : of its points
+    reach : width of the margin, in diagonals of the boxes around each 64 consecutive points
+    """
     low, high = _widened(positions, reach)
     others = np.setdiff1d(np.arange(len(boxes)), part)
     near = (boxes[others, :3] <= high.max(axis=0)).all(axis=1) & (boxes[others, 3:] >= low.min(axis=0)).all(axis=1)
@@ -110,7 +129,7 @@ def _margin(boxes: Floats, part: Rows, positions: Floats, reach: float) -> Rows:
 
 
 def touched(boxes: Floats, low: Floats, high: Floats) -> NDArray[np.bool_]:
-    """Return which boxes (n, 6) overlap any of the boxes given by their corners (m, 3)."""
+    """Return which boxes, (n, 6), low x y z and high x y z, overlap any of those given by corners, (m, 3) each."""
     out = np.zeros(len(boxes), np.bool_)
     step = max(PAIRS // len(low), 1)
     for start in range(0, len(boxes), step):
@@ -123,7 +142,10 @@ def touched(boxes: Floats, low: Floats, high: Floats) -> NDArray[np.bool_]:
 
 
 def _widened(positions: Floats, reach: float) -> tuple[Floats, Floats]:
-    """Return the bounding boxes of groups of points without the outermost ones, enlarged by `reach` diagonals."""
+    """Return boxes around each 64 consecutive positions, as low and high corners, (k, 3) each.
+
+    The outermost 3 points along each axis are skipped. reach : enlargement on each side, in diagonals of the box
+    """
     whole = len(positions) // GROUP * GROUP
     groups = positions[:whole].reshape(-1, GROUP, 3) if whole else positions[None]
     edge = min(EDGE, (groups.shape[1] - 1) // 2)
@@ -134,7 +156,7 @@ def _widened(positions: Floats, reach: float) -> tuple[Floats, Floats]:
 
 
 def runs_of(rows: Rows) -> list[slice]:
-    """Return ascending rows as ranges."""
+    """Return ascending row numbers as slices of consecutive ones. rows : at least one"""
     breaks = np.flatnonzero(np.diff(rows) != 1) + 1
     firsts, lasts = rows[np.append(0, breaks)], rows[np.append(breaks, len(rows)) - 1]
     return [slice(int(first), int(last) + 1) for first, last in zip(firsts, lasts, strict=True)]

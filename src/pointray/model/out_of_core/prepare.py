@@ -40,9 +40,14 @@ ATTEMPTS, PAUSE = 20, 0.5  # attempts to remove the folder; seconds between them
 
 
 def part_points_within(memory: int, workers: int = 0) -> int:
-    """Return the largest part size, a power of two, with which preparation takes at most `memory` bytes.
+    """Return the largest part size in points, a power of two, with which preparation takes at most `memory` bytes.
 
     workers : processes that make parts at the same time, besides this one; 0: this one does
+
+    Raises
+    ------
+    ValueError
+        If the memory is not enough for the smallest parts.
     """
     rest, each = REST + workers * PROCESS, EACH * max(workers, 1)
     least = rest + each * FEWEST if workers else LEAST
@@ -55,9 +60,9 @@ def part_points_within(memory: int, workers: int = 0) -> int:
 
 
 def part_points_for(client: Any, memory: int | None) -> int:
-    """Return the largest part size, a power of two, with which preparation fits into the memory of each machine.
+    """Return the largest part size in points, a power of two, with which each machine has enough memory.
 
-    client : client of the workers, or None; memory : bytes per machine, None: what is available
+    client : Dask client of the workers, or None; memory : bytes per machine, None: what is available
     """
     if client is None:
         return part_points_within(memory or available_memory() or UNKNOWN)
@@ -67,14 +72,17 @@ def part_points_for(client: Any, memory: int | None) -> int:
 
 
 def unfinished_part_points(path: Path) -> int | None:
-    """Return the part size of unfinished work in a folder; None if there is none."""
+    """Return the part size in points of an interrupted preparation in a folder; None if there is none."""
     known = Columns(path / UNFINISHED).get(TASK) if (path / UNFINISHED).is_dir() else None
     size = None if known is None else known.get("size")
     return size if isinstance(size, int) and size > 0 else None
 
 
 def fits(files: Sequence[Path], request: Request, memory: int | None) -> bool:
-    """Return whether a model of all points of the files can be made in the available memory, or in `memory` bytes."""
+    """Return whether a model of all points of the files can be made in the available memory, or in `memory` bytes.
+
+    request : options of the formats, such as the columns of a text file
+    """
     need = sum(listing.rows * (listing.row + PEAK) for _, _, listing in headers(files, request))
     free = available_memory() if memory is None else memory
     return free is None or need <= free
@@ -90,20 +98,23 @@ def prepare(
     client: Any = None,
     levels: bool = True,
 ) -> int:
-    """Write a model in parts, see `Model`; return the number of points.
+    """Write a model in parts from files of any size; return the number of points.
 
-    With a Dask client, its workers make the parts and write them. The files are the same as without.
+    An interrupted run is resumed. With a Dask client, its workers make the parts and write them. The files are the same
+    as without.
 
     Parameters
     ----------
+    files : sequence of Path
+        Scans, read as one cloud.
     reading : Request and Selection
         Which points are read, and how.
     path : path
         A folder that is empty, does not exist, or holds the unfinished work of an interrupted run.
     settings : TreeSettings, noise ("auto" or its standard deviation), and optionally Drawing
-        Drawing of scattered points; None or omitted: as `Model` does, but as a surface if there are radii.
+        Drawing of points that lie on no surface; None or omitted: as spheres, but like the surface if there are radii.
     part_points : int
-        Points of a part, at most.
+        Points of a part, at most; rounded down to a power of two.
     progress : callable, optional
         Called with the fraction done.
     client : distributed.Client, optional
@@ -145,7 +156,10 @@ def prepare(
 
 @contextmanager
 def _explain_full_disk(path: Path) -> Iterator[None]:
-    """Add advice to the error of a full disk."""
+    """Add advice on how to resume to an error in the `with` block that reports a full disk.
+
+    path : folder of the model
+    """
     try:
         yield
     except OSError as error:
@@ -156,7 +170,13 @@ def _explain_full_disk(path: Path) -> Iterator[None]:
 
 
 def check_unfinished(path: Path) -> Path:
-    """Return the folder of unfinished work; raise a ValueError if the folder holds something else."""
+    """Return the subfolder for unfinished work in the folder of a model in parts.
+
+    Raises
+    ------
+    ValueError
+        If the folder holds something else, such as a finished model.
+    """
     unfinished = path / UNFINISHED
     if unfinished.is_dir():
         check_writable(path / INDEX)
@@ -168,7 +188,10 @@ def check_unfinished(path: Path) -> Path:
 def _task_of(
     files: Sequence[Path], reading: tuple[Request, Selection], settings: tuple[Any, ...], size: int
 ) -> Mapping[str, Any]:
-    """Return the facts that must be the same to resume unfinished work."""
+    """Return the facts that must be the same to resume an interrupted preparation: files, options, part size, version.
+
+    reading : which points are read, and how; settings : of the model; size : points of a part
+    """
     return {
         "files": [[str(file.resolve()), *stamp(file)] for file in files],
         "reading": [repr(one) for one in reading],
@@ -193,7 +216,7 @@ def _check_task(columns: Columns, task: Mapping[str, Any]) -> None:
 
 
 def _remove(unfinished: Path, folder: Path | None) -> None:
-    """Remove unfinished work, and the folder around it if given."""
+    """Remove unfinished work, and the folder around it if given and empty."""
     for _ in range(ATTEMPTS):
         shutil.rmtree(unfinished, ignore_errors=True)
         if not unfinished.exists():

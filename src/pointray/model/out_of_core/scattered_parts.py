@@ -33,11 +33,11 @@ from .work import Facts, Span, Work, within
 
 @dataclass(frozen=True)
 class LooseParts:
-    """Scattered points of all parts.
+    """Scattered points (those on no surface, drawn as spheres or discs) of all parts of a model.
 
     layer : Layer, number 0: positions, directions (as normals), radii, and optionally colours and attributes
     drawing : Drawing, spheres or discs
-    first_part, first_row : number of parts and rows before them in the folder
+    first_part, first_row : number of parts and rows before them in the folder, which belong to the surface
     """
 
     layer: Layer
@@ -47,7 +47,15 @@ class LooseParts:
 
 
 def write_loose_part(named: ModelInfo, loose: LooseParts, part: int) -> Facts:
-    """Write the file of a part; return its index entry and the bounds of its spheres."""
+    """Write the file of a part of scattered points (drawn as spheres or discs).
+
+    named : facts that all files contain; loose : the points; part : number among the parts of scattered points
+
+    Returns
+    -------
+    dict
+        file : index entry; supports : (6,) bounds of its spheres or discs.
+    """
     own, layer = loose.layer.own(part), loose.layer
     splats = splats_at(layer, own, loose.first_row + own.start)
     tree = _tree_of(splats, loose.drawing)
@@ -65,7 +73,7 @@ def write_loose_levels(
     parts: Any,
     span: Span,
 ) -> list[PartFile]:
-    """Write levels of detail; return the index entries of the parts.
+    """Write levels of detail of scattered points (drawn as spheres or discs); return the index entries of their parts.
 
     Parameters
     ----------
@@ -73,6 +81,8 @@ def write_loose_levels(
         Median radius of the model's surface, and its parts; None and an empty list if there is no surface.
     parts : list of PartFile
         Index entries of the scattered points' parts without levels.
+    span : (float, float)
+        Begin and end of this stage, as fractions of all work.
     """
 
     def shape(layer: Layer, cell: float, written: list[LevelProgress | None], span: Span) -> list[Facts]:
@@ -87,12 +97,24 @@ def write_loose_levels(
 
 
 def spacing_in(loose: LooseParts, columns: Columns) -> float:
-    """Return the spacing that the radii of all scattered points correspond to."""
+    """Return the spacing of points to which the median radius of all scattered points (spheres or discs) corresponds.
+
+    columns : columns on disk in which the median is stored
+    """
     return spacing_of(np.array([median_of(loose.layer, columns)], np.float32), loose.drawing)
 
 
 def coarsen_loose_part(fine: Layer, coarse: Layer, grid: Grid, categories: list[str], part: int) -> Facts:
-    """Write the scattered points of a part's next level, see `coarsen_part`."""
+    """Write the next level of detail of a part of scattered points: one sphere or disc for those in each grid cell.
+
+    fine : points of the finer level; coarse : the level, which is written
+    categories : the columns of attributes that have categories, of which the most common one is kept
+
+    Returns
+    -------
+    dict
+        size : number of points; low, high : corners of their bounding box.
+    """
     cells = cells_of_part(fine, grid, part, sides=False)
     if cells is None:
         return {"size": 0}
@@ -110,7 +132,16 @@ def coarsen_loose_part(fine: Layer, coarse: Layer, grid: Grid, categories: list[
 def _write_loose_level(
     layer: Layer, loose: LooseParts, cell: float, named: ModelInfo, written: list[LevelProgress | None], part: int
 ) -> Facts:
-    """Write the file of a part's level, see `tree_part`."""
+    """Write the file of a level of detail of a part of scattered points, unless it is not wanted or empty.
+
+    layer : points of the level; loose : those of the full model; cell : edge of the level's grid
+    written : levels written of each part so far, None where no further level is wanted
+
+    Returns
+    -------
+    dict
+        file : index entry, None if nothing was written; reach : (2, 3) bounds of its spheres or discs.
+    """
     before, own = written[part], layer.own(part)
     if before is None or own.start == own.stop:
         return {"file": None}

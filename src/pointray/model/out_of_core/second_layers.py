@@ -19,7 +19,12 @@ OPEN, NEW = 1, 2  # values of the column of blocks
 
 
 def find_layers(work: Work, cloud: Cloud, span: tuple[float, float]) -> None:
-    """Write which blocks of the kd order must be examined."""
+    """Write which ranges of the kd order contain second layers, such as those of misaligned scans, unless already done.
+
+    The column `LAYERS` gets a value for each range of up to 2,048 points, not 0 where its points must be examined.
+
+    span : begin and end of this stage, as fractions of all work
+    """
     columns, count = work.columns, -(-cloud.total // block_size(cloud.total))
     if columns.get(LAYERS) is not None:
         return
@@ -37,7 +42,13 @@ def find_layers(work: Work, cloud: Cloud, span: tuple[float, float]) -> None:
 
 
 def _show(work: Work, cloud: Cloud, part: int) -> Facts:
-    """Return the blocks of a part whose middle shows a layer."""
+    """Find second layers in the middles of a part's ranges (up to 2,048 points in kd order), where the search begins.
+
+    Returns
+    -------
+    dict
+        blocks : numbers of the ranges that show one.
+    """
     search = _search(cloud, work.local(part))
     own = _blocks_of(work, cloud, part)
     found = np.zeros(0, np.int64) if search is None else search.seeds()
@@ -45,7 +56,13 @@ def _show(work: Work, cloud: Cloud, part: int) -> Facts:
 
 
 def _follow(work: Work, cloud: Cloud, part: int) -> Facts:
-    """Return the blocks in which layers continue from a part's newly opened blocks."""
+    """Examine the ranges of a part that were newly found to have a second layer.
+
+    Returns
+    -------
+    dict
+        blocks : numbers of the ranges, also of other parts, in which these layers may continue.
+    """
     own = _blocks_of(work, cloud, part)
     new = own.start + np.flatnonzero(work.columns[LAYERS][own] == NEW)
     search = _search(cloud, work.local(part)) if len(new) else None
@@ -53,13 +70,13 @@ def _follow(work: Work, cloud: Cloud, part: int) -> Facts:
 
 
 def _blocks_of(work: Work, cloud: Cloud, part: int) -> slice:
-    """Return the blocks of a part."""
+    """Return the numbers of a part's ranges of the kd order (up to 2,048 points), as a slice."""
     size, rows = block_size(cloud.total), work.part_rows(part)
     return slice(rows.start // size, -(-rows.stop // size))
 
 
 def _search(cloud: Cloud, local: Local) -> LayerSearch | None:
-    """Return the search among some points; None if there are too few."""
+    """Return a search for second layers among the points of a part and its margin; None if there are too few points."""
     ordering = ordering_of(cloud.points(local).positions)
     if len(ordering.positions) < LEAST:
         return None

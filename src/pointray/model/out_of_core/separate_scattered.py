@@ -39,7 +39,11 @@ Floats = NDArray[np.float32]
 
 
 class Shaping(NamedTuple):
-    """Options for drawing scattered points. radii : the column of given radii, or None"""
+    """Options for drawing scattered points, which lie on no surface.
+
+    drawing : as spheres or as discs, and a factor for their radii
+    radii : name of the column on disk with given radii; None: chosen from the spacing
+    """
 
     drawing: Drawing
     radii: str | None
@@ -47,7 +51,12 @@ class Shaping(NamedTuple):
     def find(
         self, cloud: Cloud, local: Local, statistics: CloudStatistics, mask: NDArray[np.bool_] | None = None
     ) -> tuple[Floats, Floats]:
-        """Return radii and directions of some points, see `shapes_of`."""
+        """Return radii, (n,), and directions, (n, 3), of the points of a part and its margin as spheres or discs.
+
+        The direction of a sphere points away from its neighbours; that of a disc is its normal.
+
+        statistics : of the whole cloud; mask : (n,) points to compute, others are invalid; None: all
+        """
         points = cloud.points(local)
         ordering = ordering_of(points.positions)
         given = None if self.radii is None else np.asarray(local.read(cloud.columns[self.radii]), np.float32)
@@ -55,14 +64,14 @@ class Shaping(NamedTuple):
 
 
 def number_rows(columns: Columns, count: int) -> None:
-    """Write the number of each point, in file order."""
+    """Write a column with the number of each point in the order of the files, to which points are sorted back later."""
     column = columns.make(ROW, np.int32)
     for start in range(0, count, CHUNK):
         column.append(np.arange(start, min(start + CHUNK, count), dtype=np.int32))
 
 
 def separate(work: Work, cloud: Cloud, names: Sequence[str], shaping: Shaping, span: Span) -> tuple[int, int]:
-    """Find the scattered points, and move all points into the columns of `SURFACE` and `LOOSE`.
+    """Find the scattered points, which lie on no surface, and move all points into columns of `SURFACE` or `LOOSE`.
 
     If none are scattered the columns are unchanged; scattered points that are not drawn are dropped.
 
@@ -70,11 +79,15 @@ def separate(work: Work, cloud: Cloud, names: Sequence[str], shaping: Shaping, s
     ----------
     names : sequence of str
         Columns of the cloud, without `ROW`.
+    shaping : Shaping
+        How scattered points are drawn.
+    span : (float, float)
+        Begin and end of this stage, as fractions of all work.
 
     Returns
     -------
     surface, loose : int
-        Number of points in each.
+        Number of points of the surface, and of scattered points that are drawn.
 
     Raises
     ------
@@ -104,7 +117,13 @@ def separate(work: Work, cloud: Cloud, names: Sequence[str], shaping: Shaping, s
 
 
 def _find(work: Work, cloud: Cloud, part: int) -> Facts:
-    """Write which points of a part are scattered."""
+    """Write to the column `APART` which points of a part are scattered, that is, lie on no surface.
+
+    Returns
+    -------
+    dict
+        scattered : their number.
+    """
     local = work.local(part)
     points = cloud.points(local)
     ordering, fitted = ordering_of(points.positions), points.normals is None
@@ -119,7 +138,7 @@ def _find(work: Work, cloud: Cloud, part: int) -> Facts:
 
 
 def _shape(work: Work, cloud: Cloud, shaping: Shaping, statistics: CloudStatistics, part: int) -> None:
-    """Write radii and directions of the scattered points of a part."""
+    """Write radii and directions of the scattered points of a part, which are drawn as spheres or discs."""
     apart = work.read(APART, part) != 0
     if not apart.any():
         return
@@ -132,7 +151,12 @@ def _shape(work: Work, cloud: Cloud, shaping: Shaping, statistics: CloudStatisti
 
 
 def _put_apart(work: Work, total: int, names: Sequence[str], is_shown: bool, span: Span) -> None:
-    """Copy each column to those of the surface and of scattered points, and remove it."""
+    """Copy each column on disk to one of the surface's points and one of the scattered points, and remove it.
+
+    total : number of points; names : of the columns; is_shown : whether scattered points are drawn, else they are
+        dropped
+    span : begin and end of this stage, as fractions of all work
+    """
     columns, report = work.columns, work.watch(span)
     surface, loose = (Columns(columns.folder / name) for name in (SURFACE, LOOSE))
     shapes = [SPHERES, DIRECTIONS] if is_shown else []
@@ -153,7 +177,10 @@ def _put_apart(work: Work, total: int, names: Sequence[str], is_shown: bool, spa
 
 
 def _put_back(work: Work, total: int, name: str, surface: Columns) -> None:
-    """Write a column of the surface's points in file order, as ranges of rows that are then sorted."""
+    """Write a column of the surface's points in the order of the files, from one in kd order.
+
+    total : number of points; name : of the column; surface : columns of the surface's points, which get the new one
+    """
     columns, size = work.columns, work.size
     source = columns[name]
     between = surface.make(BY_ROW, source.dtype, source.width, total)

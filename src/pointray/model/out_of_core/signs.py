@@ -38,7 +38,7 @@ Flags = NDArray[np.bool_]
 
 
 class Local(NamedTuple):
-    """Part with a margin, and the neighbours of its own points.
+    """A part of a cloud with a margin (surrounding points), and the neighbours of its own points.
 
     Attributes
     ----------
@@ -62,9 +62,9 @@ class Local(NamedTuple):
 
 
 class Shared(NamedTuple):
-    """Groups of a part that also lie in other parts.
+    """Groups (connected points whose normals have consistent signs) of a part that also lie in other parts.
 
-    groups : (s,) int32, ascending
+    groups : (s,) int32, ascending numbers of the groups
     earlier : (s,) int64, number of their points in earlier parts
     """
 
@@ -73,10 +73,10 @@ class Shared(NamedTuple):
 
 
 class Outlook(NamedTuple):
-    """Result of examining the groups of a part.
+    """Which groups of a part face inward; a group is a set of connected points whose normals have consistent signs.
 
     inward : (i,) int32, groups within this part alone that face inward
-    sample : points of groups that extend into other parts
+    sample : points of groups that extend into other parts, which are decided for all parts together
     """
 
     inward: NDArray[np.int32]
@@ -84,7 +84,11 @@ class Outlook(NamedTuple):
 
 
 class Signs:
-    """Passes over a cloud in parts. Can be sent to other processes that see the columns.
+    """Passes over a cloud in parts that find consistent, outward signs of its normals.
+
+    Points are joined to pieces within a part, whose normals have reliable relative signs, and pieces to groups by votes
+    of the edges between neighbours. Groups are then turned outward. Can be sent to other processes that see the
+    columns.
 
     Parameters
     ----------
@@ -98,12 +102,14 @@ class Signs:
         self._columns, self._starts = columns, starts
 
     def find(self, local: Local) -> int:
-        """Label the points of a part by their pieces; return the number of pieces.
+        """Join points of a part to pieces, whose normals have reliable relative signs; return the number of pieces.
+
+        The piece of each point and its sign in the piece are written to columns.
 
         Raises
         ------
         ValueError
-            If the part does not begin at a tile of the whole cloud.
+            If the part does not begin at a multiple of 2,048 rows of the whole cloud.
         """
         first = int(local.rows[local.core.start])
         if first % TILE:
@@ -114,9 +120,17 @@ class Signs:
         return len(found.sizes)
 
     def vote(self, local: Local, part: int, firsts: Whole) -> Whole:
-        """Write the votes of the edges that begin in a part; return the first row of each table.
+        """Write votes on whether pieces agree in their signs, from the edges between neighbouring points.
+
+        A piece is a set of points with reliable relative signs. The votes of a part are those of edges from its own
+        points to other pieces. They are stored in tables, each for a range of pieces.
 
         firsts : (parts + 1,) first piece of each part, then the number of pieces, from the results of `find`
+
+        Returns
+        -------
+        (t + 1,) int64
+            First row of each table in the column of votes, then the number of votes.
         """
         of = np.searchsorted(self._starts, local.rows, side="right") - 1
         piece = self._columns[PIECE][local.rows] + firsts[of].astype(np.int32)
@@ -125,7 +139,18 @@ class Signs:
         return keep(self._columns, name_of(part), votes, int(firsts[-1]))
 
     def gather(self, firsts: Whole, cuts: Sequence[Whole]) -> list[Shared]:
-        """Write the groups of the whole cloud from the results of `find` and `vote`; return those of each part."""
+        """Join the pieces of all parts to groups with consistent signs, by votes; write group and sign of each piece.
+
+        A piece is a set of points with reliable relative signs.
+
+        firsts : (parts + 1,) first piece of each part, then the number of pieces
+        cuts : for each part, the rows in its column of votes at which tables of votes begin, as `vote` returns them
+
+        Returns
+        -------
+        list of Shared
+            For each part, the groups that also lie in other parts.
+        """
         names = [name_of(part) for part in range(len(cuts))]
         group, turn = join(int(firsts[-1]), OnDiskVotes(self._columns, names, cuts))
         drop_all(self._columns)
@@ -144,7 +169,14 @@ class Signs:
         return shared
 
     def examine(self, local: Local, part: int, firsts: Whole, shared: Shared) -> Outlook:
-        """Find which groups of a part face inward; groups that extend into other parts are left to `face`."""
+        """Find which groups of a part face inward; return a sample of points of groups that extend into other parts.
+
+        A piece is a set of points with reliable relative signs, a group a set of connected pieces with consistent
+        signs.
+
+        firsts : (parts + 1,) first piece of each part, then the number of pieces; shared : groups that lie in other
+            parts too
+        """
         piece, signs, group = self._labels(part, firsts)
         groups, each = np.unique(group, return_inverse=True)
         points, earlier = self._columns[POINTS][groups], np.zeros(len(groups), np.int64)
@@ -158,13 +190,25 @@ class Signs:
         return Outlook(groups[inward], rest._replace(groups=groups[rest.groups]))
 
     def face(self, outlooks: Sequence[Outlook]) -> Flags:
-        """Return which groups must be inverted, (g,), from the results of `examine` in the order of the parts."""
+        """Return which groups must be inverted to face outward, (g,) bool.
+
+        A group is a set of connected points whose normals have consistent signs.
+
+        outlooks : results of `examine` in the order of the parts
+        """
         inward = inward_of([each.sample for each in outlooks], self._columns[POINTS][:])
         inward[np.concatenate([each.inward for each in outlooks])] = True
         return inward
 
     def write(self, part: int, firsts: Whole, inward: Flags, kept: Flags | None = None) -> None:
-        """Write the signs, int8, of a part's points. inward : of all groups; kept : points whose normals stay"""
+        """Write the final sign, int8 1 or -1, of each normal of a part to the column `SIGNED`.
+
+        A piece is a set of points with reliable relative signs, a group a set of connected pieces with consistent
+        signs.
+
+        firsts : (parts + 1,) first piece of each part, then the number of pieces
+        inward : (g,) whether to invert each group; kept : mask of the part's points whose normals keep their sign
+        """
         piece, signs, group = self._labels(part, firsts)
         signs *= np.where(inward[group], np.int8(-1), np.int8(1))[piece]
         if kept is not None:
@@ -172,23 +216,60 @@ class Signs:
         self._columns[SIGNED].write(int(self._starts[part]), signs)
 
     def known_signs(self, part: int, firsts: Whole, known: Flags) -> tuple[NDArray[np.int32], NDArray[np.int8]]:
-        """Return the group of each point of a part with known normal, and the sign that agrees with its group."""
+        """Return votes of the known normals of a part on the signs of the groups of points that they belong to.
+
+        A piece is a set of points with reliable relative signs, a group a set of connected pieces with consistent
+        signs.
+
+        firsts : (parts + 1,) first piece of each part, then the number of pieces
+        known : mask of the part's points with known normals
+
+        Returns
+        -------
+        group : (k,) int32
+            Group of each point with a known normal.
+        sign : (k,) int8
+            1 if its normal has the sign that is consistent with the group, else -1.
+        """
         piece, signs, group = self._labels(part, firsts)
         return group[piece[known]], signs[known]
 
     def _labels(self, part: int, firsts: Whole) -> tuple[NDArray[Any], NDArray[np.int8], NDArray[np.int32]]:
-        """Return the piece of each point of a part, its sign in its group, and the group of each piece."""
+        """Return how the points of a part are joined to pieces and groups by the signs of their normals.
+
+        A piece is a set of points with reliable relative signs, a group a set of connected pieces with consistent
+        signs.
+
+        firsts : (parts + 1,) first piece of each part, then the number of pieces
+
+        Returns
+        -------
+        piece : (n,)
+            Piece of each point, numbered within the part.
+        sign : (n,) int8
+            Sign of each point's normal in its group.
+        group : (p,) int32
+            Group of each piece of the part.
+        """
         rows, pieces = slice(*self._starts[part : part + 2].tolist()), slice(*firsts[part : part + 2].tolist())
         piece, columns = self._columns[PIECE][rows], self._columns
         return piece, columns[SIGN][rows] * columns[TURN][pieces][piece], columns[GROUP][pieces]
 
     def _groups_in(self, part: int, group: NDArray[np.int32]) -> tuple[NDArray[np.int32], Whole]:
-        """Return the groups of a part, ascending, and their number of points. group : of each piece of the part"""
+        """Return the numbers of the groups in a part, ascending, and how many of its points each has.
+
+        A group is a set of connected pieces, and a piece one of points, whose normals have consistent signs.
+
+        group : (p,) group of each piece of the part
+        """
         ids, each = np.unique(group, return_inverse=True)
         sizes = np.bincount(self._columns[PIECE][slice(*self._starts[part : part + 2].tolist())], minlength=len(group))
         return ids, np.bincount(each, sizes, len(ids)).astype(np.int64)
 
 
 def firsts_of(pieces: Sequence[int]) -> Whole:
-    """Return the first piece of each part, then the number of pieces."""
+    """Return the number of the first piece of each part, numbered part after part, then the number of pieces.
+
+    pieces : number of pieces (points with reliable relative signs of their normals) of each part
+    """
     return np.cumsum([0, *pieces])

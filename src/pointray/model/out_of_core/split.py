@@ -42,7 +42,15 @@ PART = 1 << 22  # default number of points of a part
 
 
 def check_new(path: str | os.PathLike[str]) -> Path:
-    """Validate that a folder is empty or can be made."""
+    """Return the path of a folder for a new model; raise a ValueError if it is not empty or is a file.
+
+    Raises
+    ------
+    ValueError
+        If the folder exists and holds something.
+    OSError
+        If the folder cannot be written.
+    """
     folder = Path(path)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise not_empty(folder)
@@ -51,7 +59,7 @@ def check_new(path: str | os.PathLike[str]) -> Path:
 
 
 def not_empty(folder: Path) -> ValueError:
-    """Return the error for a folder that holds something else."""
+    """Return the error for a folder that must be empty but holds something."""
     return ValueError(f"{folder}: already exists and is not empty: choose a new or empty folder")
 
 
@@ -62,9 +70,10 @@ def split(
     progress: StageProgress | None = None,
     levels: bool = True,
 ) -> None:
-    """Write a model in parts, to be opened by `Model.load`; rays have the same hits as in the model.
+    """Write a model in memory to a folder as a model in parts; rays have the same hits. `Model.load` opens it.
 
-    Rows without a splat are omitted, and the others are reordered by part: first the surface, then scattered points.
+    Rows without a splat are omitted, and the others are reordered by part: first the surface, then points drawn as
+    spheres or discs.
 
     Parameters
     ----------
@@ -103,7 +112,10 @@ def split(
 
 
 def _write(model: Model, folder: Path, wanted: int, leveled: bool, progress: Progress | None) -> None:
-    """Write all files of a folder, the index last."""
+    """Write all files of a model in parts, the index last.
+
+    wanted : largest number of points of a part; leveled : whether parts get levels of detail
+    """
     surface, scattered = splats_of(surface_of(model.tree), model.radii), scattered_of(model.tree, model.radii)
     count, apart = len(surface.rows), 0 if scattered is None else len(scattered.rows)
     points, size = model.points, max(1 << (wanted.bit_length() - 1), least_size(max(count, 1)))
@@ -125,7 +137,10 @@ def _write(model: Model, folder: Path, wanted: int, leveled: bool, progress: Pro
 
 
 def _layer_of(work: Work, splats: Splats, points: Points) -> Layer:
-    """Return splats as the finest layer of levels of detail. points : all points of the model"""
+    """Return splats of a model and their points as the finest layer: level 0 of the levels of detail of all parts.
+
+    points : all points of the model, from which those of the splats are selected
+    """
     points = points.select(splats.rows)
     sources = {
         POSITIONS: splats.positions,

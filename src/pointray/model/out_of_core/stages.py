@@ -47,15 +47,15 @@ THICK, PARTED = "thick", "parted"  # whether a point may be near two sheets; nor
 
 @dataclass(frozen=True)
 class Cloud:
-    """Cloud on disk, in kd order.
+    """A cloud on disk, in kd order.
 
     columns : Columns
     total : int, number of points
-    origin : (3,) float64
+    origin : (3,) float64, world position of the coordinates' origin
     georeference : Georeference
-    viewpoint_columns : dict of str to str, columns of the attributes that hold the scan of each point
-    is_seen : whether any point has a known viewpoint
-    ignored : numbers of stations to ignore, see `eyes_of`
+    viewpoint_columns : dict of str to str, the column on disk of each attribute that holds the scan of each point
+    is_seen : whether any point has a known viewpoint (scanner position)
+    ignored : numbers of scanner stations whose positions are not used, as the points contradict them
     """
 
     columns: Columns
@@ -68,16 +68,22 @@ class Cloud:
 
     @property
     def has_units(self) -> bool:
-        """Whether the current normals have unit length; normalising them again would round them again."""
+        """Whether the normals from the files have been replaced by normals of unit length with recomputed signs.
+
+        If so they are not normalised again, which would round them again.
+        """
         return self.columns.get(TURNED) is not None
 
     @property
     def normals(self) -> str:
-        """Name of the column with the current normals of the surface."""
+        """Name of the column with the normals of the surface, as the last finished stage has left them."""
         return self.latest(PARTED, self.latest(FACED, NORMALS))
 
     def points(self, local: Local) -> Points:
-        """Return some points with their current positions and normals."""
+        """Return the points of a part and its margin, at their current positions and with their current normals.
+
+        Current are those after moving second layers and recomputing signs, if these stages are done.
+        """
         columns = self.columns
         positions = local.read(columns[self.latest(MERGED, POSITIONS)])
         normals = local.read(columns[self.latest(TURNED, GIVEN)]) if GIVEN in columns else None
@@ -85,15 +91,15 @@ class Cloud:
         return Points.about(self.origin, positions, normals, None, attributes, self.georeference)
 
     def latest(self, found: str, given: str) -> str:
-        """Return the column `found` if that stage is done for all parts, else `given`."""
+        """Return the name of a column: `found` if the stage that writes it is done for all parts, else `given`."""
         return given if self.columns.get(found) is None else found
 
 
 class Surface(NamedTuple):
-    """Surface at some points.
+    """The surface at n points: where its splats lie and how they face.
 
     positions, normals : (n, 3) float32, unit normals
-    noise : (n,) float32, noise that was removed; None if none
+    noise : (n,) float32, standard deviation of the noise that was removed; None: nothing was removed
     planes : (n, 3) float32 each, positions moved onto planes around noisy points, and the planes' normals, for signs
     known : (n,) bool, whether the viewpoint is known; None: none is known
     repaired : number of missing normals, and of normals of another length
@@ -110,13 +116,19 @@ class Surface(NamedTuple):
 
 
 def ordering_of(positions: Floats) -> KdOrdering:
-    """Return the kd ordering of finite points in kd order, see `compute_kd_ordering`."""
+    """Return the distinct ones of some finite positions that are in kd order, and the rows at each of them."""
     rows, ids = distinct(positions)
     return KdOrdering(positions if len(rows) == len(positions) else take(positions, rows), ids, rows)
 
 
 def merge(cloud: Cloud, local: Local, statistics: CloudStatistics) -> Floats:
-    """Move second layers onto one surface, in the blocks that show them if these are known; return the positions."""
+    """Return the positions of a part and its margin, (n, 3), with second layers moved onto one surface.
+
+    Second layers are copies of a surface, such as those of misaligned scans. They are moved in the ranges of the kd
+    order that show them, if these are known.
+
+    local : rows of the part and its margin; statistics : of the whole cloud
+    """
     points = cloud.points(local)
     ordering = ordering_of(points.positions)
     blocks = None
@@ -130,7 +142,10 @@ def merge(cloud: Cloud, local: Local, statistics: CloudStatistics) -> Floats:
 
 
 def examine(cloud: Cloud, local: Local) -> NoiseRanges:
-    """Measure the noise of the ranges of a part; places refer to the whole cloud."""
+    """Measure the noise in ranges of a part's points along the kd order.
+
+    The places of the ranges are rows of the whole cloud.
+    """
     points = cloud.points(local)
     ordering = ordering_of(points.positions)
     known = None if points.normals is None else take(_units_of(cloud, local, points).normals, ordering.rows)
@@ -141,7 +156,11 @@ def examine(cloud: Cloud, local: Local) -> NoiseRanges:
 
 
 def place(cloud: Cloud, local: Local, sigma: str | float, ranges: NoiseRanges | None) -> Surface:
-    """Smooth points with normals. ranges : noise of all parts; None: given by sigma"""
+    """Return the surface at points with normals: noise is removed from their positions, and normals have unit length.
+
+    sigma : standard deviation of the noise, or "auto"; ranges : noise along the kd order of the cloud; None: given by
+        sigma
+    """
     points = cloud.points(local)
     repaired = _units_of(cloud, local, points)
     ordering = ordering_of(points.positions)
@@ -152,7 +171,10 @@ def place(cloud: Cloud, local: Local, sigma: str | float, ranges: NoiseRanges | 
 
 
 def survey_fits(cloud: Cloud, local: Local, statistics: CloudStatistics) -> None:
-    """Compute the statistics that fits to points without normals need."""
+    """Compute the statistics of the cloud that fits to points without normals need.
+
+    local : rows of a sample; statistics : where the numbers are stored
+    """
     ordering = ordering_of(cloud.points(local).positions)
     measure_noise(ordering.positions, of_distinct_positions(statistics, ordering.ids))
 
@@ -160,7 +182,14 @@ def survey_fits(cloud: Cloud, local: Local, statistics: CloudStatistics) -> None
 def fit(
     cloud: Cloud, local: Local, sigma: str | float, ranges: NoiseRanges | None, statistics: CloudStatistics
 ) -> Surface:
-    """Smooth points without normals and fit normals; signs are known only where viewpoints are."""
+    """Return the surface at points without normals: noise is removed from their positions, and normals are fitted.
+
+    Signs of normals are known only where viewpoints are.
+
+    sigma : standard deviation of the noise, or "auto"; ranges : noise along the kd order of the cloud; None: given by
+        sigma
+    statistics : of the whole cloud
+    """
     points = cloud.points(local)
     ordering, (eye, known) = ordering_of(points.positions), _eyes_of(cloud, points)
     ordered, eyes = ordering.positions, None if eye is None else take(eye, ordering.rows)
@@ -179,7 +208,7 @@ def fit(
 
 
 def units(cloud: Cloud, local: Local) -> Surface:
-    """Return points with unit normals, turned towards known viewpoints."""
+    """Return points with unit normals, turned towards known viewpoints; positions are unchanged."""
     points = cloud.points(local)
     repaired, (eye, known) = _units_of(cloud, local, points), _eyes_of(cloud, points)
     if eye is not None:
@@ -188,7 +217,10 @@ def units(cloud: Cloud, local: Local) -> Surface:
 
 
 def _eyes_of(cloud: Cloud, points: Points) -> tuple[Floats | None, NDArray[np.bool_] | None]:
-    """Return the viewpoint of each point relative to the origin, (n, 3), NaN where unknown, and where it is known."""
+    """Return the viewpoint of each point, (n, 3) relative to the origin, NaN where unknown, and a mask of known ones.
+
+    Returns None twice if no point of the cloud has a viewpoint.
+    """
     if not cloud.is_seen:
         return None, None
     eyes = eyes_of(points, cloud.ignored)
@@ -203,7 +235,12 @@ def _noise_along(local: Local, ordering: KdOrdering, ranges: NoiseRanges | None)
 
 
 def _units_of(cloud: Cloud, local: Local, points: Points) -> Surface:
-    """Return the points with unit normals, estimated if none is valid. Repairs are counted for own points only."""
+    """Return the points with unit normals, estimated if none is valid.
+
+    Repaired normals are counted for own points only.
+
+    local : rows of a part, whose own points are counted, and its margin; points : the same
+    """
     if cloud.has_units:
         return Surface(points.positions, np.asarray(points.normals), None)
     found = normalize_normals(points, local.own)
@@ -215,7 +252,10 @@ def _units_of(cloud: Cloud, local: Local, points: Points) -> Surface:
 def support(
     cloud: Cloud, local: Local, given: Floats | None, settings: TreeSettings, statistics: CloudStatistics
 ) -> Support:
-    """Return the support of points on their surface. given : (n,), their radii; None: automatic"""
+    """Return the support radii of points on their surface, with open borders and close sheets.
+
+    given : (n,) float32, their radii; None: chosen from the spacing; statistics : of the whole cloud
+    """
     positions, normals = (local.read(cloud.columns[name]) for name in (PLACED, cloud.normals))
     automatic = settings.overhang < np.inf
     return find_support(

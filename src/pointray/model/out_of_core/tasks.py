@@ -22,10 +22,10 @@ RADII, BORDERS, SHEETS = "radii", "borders", "sheets"  # columns
 
 
 class Measure(NamedTuple):
-    """Options for finding the surface of a part.
+    """Options for finding the surface of a part: how its noise is known, and whether its normals must be fitted.
 
     sigma : standard deviation of the noise, or "auto"
-    ranges : noise of all parts; None: given by sigma
+    ranges : noise measured along the kd order of the whole cloud; None: given by sigma
     statistics : of the whole cloud, for fits to points without normals; None: points have normals
     """
 
@@ -35,31 +35,56 @@ class Measure(NamedTuple):
 
 
 class Supporting(NamedTuple):
-    """Options for finding supports. radii : the column of given radii, or None"""
+    """Options for finding the support radii of points.
+
+    radii : name of the column on disk with given radii; None: chosen from the spacing
+    settings : of the implicit surface, which decide whether borders and sheets are searched
+    """
 
     radii: str | None
     settings: TreeSettings
 
     def find(self, cloud: Cloud, local: Local, statistics: CloudStatistics) -> Support:
-        """Return the supports of some points."""
+        """Return the support radii of a part's points and its margin, with their open borders and close sheets."""
         given = None if self.radii is None else np.asarray(local.read(cloud.columns[self.radii]), np.float32)
         return support(cloud, local, given, self.settings, statistics)
 
 
 def move_layers(work: Work, cloud: Cloud, statistics: CloudStatistics, part: int) -> None:
-    """Move second layers onto one surface."""
+    """Move second layers of a part, such as those of misaligned scans, onto one surface; write the positions to disk.
+
+    statistics : of the whole cloud
+    """
     local = work.local(part)
     local.write(work.columns[MERGED], merge(cloud, local, statistics))
 
 
 def measure_noise(work: Work, cloud: Cloud, part: int) -> Facts:
-    """Measure the noise of the ranges of a part, see `NoiseRanges`."""
+    """Measure the noise in ranges of a part's points along the kd order.
+
+    Returns
+    -------
+    dict
+        Lists by field of `NoiseRanges`: places (rows in the cloud), middles (positions), noise and spacing.
+    """
     found = examine(cloud, work.local(part))
     return {name: values.tolist() for name, values in found._asdict().items()}
 
 
 def find_surface(work: Work, cloud: Cloud, measure: Measure, part: int) -> Facts:
-    """Write the surface positions, normals and noise of a part."""
+    """Find the surface at a part's points and write it to disk: denoised positions, normals, noise.
+
+    measure : how noise is known, and whether normals are fitted
+
+    Returns
+    -------
+    dict
+        is_noisy : whether noise was removed
+        has_planes : whether planes were fitted to noisy points, for signs of normals
+        mended : numbers of missing normals and of normals of another length
+        thick, low, high : if normals were fitted without viewpoints, the number of points that may be near two sheets,
+            and corners of the bounding box
+    """
     local = work.local(part)
     sigma, ranges, statistics = measure
     found = place(cloud, local, sigma, ranges) if statistics is None else fit(cloud, local, sigma, ranges, statistics)
@@ -75,7 +100,17 @@ def find_surface(work: Work, cloud: Cloud, measure: Measure, part: int) -> Facts
 
 
 def find_supports(work: Work, cloud: Cloud, supporting: Supporting, statistics: CloudStatistics, part: int) -> Facts:
-    """Write the supports of a part."""
+    """Find the support radii of a part's points, and write them, open borders and close sheets to disk.
+
+    supporting : whether radii are given; statistics : of the whole cloud
+
+    Returns
+    -------
+    dict
+        borders, sheets : whether there are any
+        lone : number of isolated points
+        tight : whether many radii are too small to cover the surface
+    """
     local = work.local(part)
     found = supporting.find(cloud, local, statistics)
     check_size(found.radii)

@@ -34,10 +34,10 @@ Flags = NDArray[np.bool_]
 
 
 class Field(NamedTuple):
-    """State of the winding numbers' splats.
+    """State of the points from which winding numbers (1 inside a closed surface, 0 outside) are computed.
 
-    scale : divisor of spacings, or None
-    has_turned : whether normals are flipped as TURNS says
+    scale : divisor of the points' spacings with which the numbers jump by 1 at the surface; None: not known yet
+    has_turned : whether normals are flipped as the column `TURNS` says
     """
 
     scale: float | None = None
@@ -45,16 +45,17 @@ class Field(NamedTuple):
 
     @property
     def top(self) -> str:
-        """Name of the column with the tree over all tiles."""
+        """Name of the column with the tree over all tiles of 4,096 points, by which distant points are summarized."""
         return f"{TOP}-{(self.scale is not None) + self.has_turned}"
 
 
 class Around(NamedTuple):
-    """Part with its margin, and the neighbours of some of its own points.
+    """A part with its margin (surrounding points), and the neighbours of some of its own points.
 
-    rows : (m,) int64, indices of these points among the n
+    local : rows of the n points of the part and its margin
+    rows : (m,) int64, indices of some of the part's own points among the n
     positions, normals : (n, 3) float32
-    near : (n, k) int32, of these points only; 0 elsewhere
+    near : (n, k) int32, of these m points only, each itself first; 0 elsewhere
     """
 
     local: Local
@@ -65,13 +66,17 @@ class Around(NamedTuple):
 
 
 class ThinSheets:
-    """Passes over the parts. Can be sent to workers.
+    """Passes over the parts of a cloud that flip wrong normals where two sheets are closer than their points.
+
+    Wrong normals are found by winding numbers (1 inside a closed surface, 0 outside): those one step in front of and
+    behind a point add up to 1, unless another sheet is close. Can be sent to workers.
 
     Parameters
     ----------
     work : Work
     cloud : Cloud
     frame : Frame
+        Origin and unit of the positions.
     thick : sequence of int
         Number of points of each part that may be near two sheets.
     """
@@ -80,7 +85,12 @@ class ThinSheets:
         self._work, self._cloud, self._frame, self._thick = work, cloud, frame, list(thick)
 
     def orient(self, span: Span) -> bool:
-        """Write all normals, some flipped, to the column `PARTED`; return whether any may be flipped."""
+        """Write all normals, some flipped, to the column `PARTED`; return whether any may be flipped.
+
+        The column is not written if the cloud has no inside, or no point is close to two sheets.
+
+        span : begin and end of this stage, as fractions of all work
+        """
         work = self._work
         ends = np.linspace(*span, 13)
         spans = iter(zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True))
@@ -114,18 +124,21 @@ class ThinSheets:
         return True
 
     def _write_top(self, each: Any, field: Field) -> None:
-        """Write the tree over all tiles."""
+        """Write the tree over all tiles of 4,096 points, by which winding numbers summarize distant points.
+
+        each : calls a function for each part and returns the results; field : state of the points
+        """
         self._work.columns.fill(field.top, top_of(np.concatenate(each(partial(self._roots, field)))))
 
     def _measure(self, part: int) -> None:
-        """Write the spacings of a part."""
+        """Write the spacing (square root of the area per point) of each point of a part."""
         local = self._work.local(part)
         positions = self._frame.of(local.read(self._work.columns[PLACED]))
         near = near_in(self._cloud, local, local.core, NEAR)
         self._work.write(SPACING, part, spacings(positions, near, local.core.start))
 
     def _read(self, field: Field, tiles: Rows) -> Splats:
-        """Return the splats of some tiles."""
+        """Return positions, normals and spacings of the points of some tiles (ranges of 4,096 points in kd order)."""
         rows = (tiles[:, None] * TILE + np.arange(TILE)).ravel()
         columns, runs = self._work.columns, runs_of(rows[rows < self._cloud.total])
         placed, normals, spacing = (_rows(columns[name], runs) for name in (PLACED, FACED, SPACING))
@@ -136,7 +149,12 @@ class ThinSheets:
         return Splats(self._frame.of(placed), normals, spacing)
 
     def _around(self, field: Field, rows: Rows, step: float = sheets.STEP) -> Floats:
-        """Return the winding numbers in front of and behind some points of the cloud."""
+        """Return the winding numbers a step in front of and a step behind some points, (m, 2).
+
+        The winding number is 1 inside a closed surface and 0 outside.
+
+        field : state of the points that it is computed from; rows : of the m points in the cloud; step : in spacings
+        """
         tiles = -(-self._cloud.total // TILE)
         return Winding(self._work.columns[field.top][:], tiles, partial(self._read, field)).around(rows, step)
 
@@ -145,13 +163,27 @@ class ThinSheets:
         return roots_of(self._read(field, np.arange(part_rows.start // TILE, -(-part_rows.stop // TILE))))
 
     def _sample(self, part: int) -> tuple[Floats, Floats]:
-        """Return the numbers of the sampled points of a part, one spacing away and farther."""
+        """Return the winding numbers around the sampled points of a part, which show whether the cloud has an inside.
+
+        Returns
+        -------
+        near, far : (m, 2) float32
+            In front of and behind each point, one spacing away and 1.5 spacings away.
+        """
         rows, part_rows = sheets.sample_of(self._cloud.total), self._work.part_rows(part)
         rows = rows[(rows >= part_rows.start) & (rows < part_rows.stop)]
         return self._around(Field(), rows, 1.0), self._around(Field(), rows)
 
     def _ring(self, field: Field, ring: int, part: int) -> Rows:
-        """Mark a part's own points around those whose numbers do not add up to 1; return those in other parts."""
+        """Mark the neighbours of a part's points near two sheets, whose winding numbers do not add up to 1.
+
+        In ring 0 a sample of the points that may be near two sheets is examined, later those marked before.
+
+        Returns
+        -------
+        (k,) int64
+            Rows of the neighbours in other parts, which are still to be marked.
+        """
         part_rows, before = self._work.part_rows(part), self._suspects(part, ring)
         if ring == 0:
             thick, earlier = np.flatnonzero(self._work.read(THICK, part)), sum(self._thick[:part])
@@ -167,20 +199,26 @@ class ThinSheets:
         return np.asarray(beside[~is_own])
 
     def _mark(self, ring: int, rows: Sequence[Rows]) -> None:
-        """Mark points that other parts have found."""
+        """Mark points that were found from other parts.
+
+        rows : of these points, from each part; ring : number of the pass
+        """
         beside = np.unique(np.concatenate(rows))
         for run in runs_of(beside) if len(beside) else []:
             self._work.columns[f"{BESIDE}-{ring}"].write(run.start, np.ones(run.stop - run.start, np.int8))
 
     def _suspects(self, part: int, rings: int = sheets.RINGS) -> Flags:
-        """Return which of a part's points some rings have found."""
+        """Return a mask of the part's points that may be near two sheets, as marked by the first `rings` passes."""
         found = self._zeros(part, np.bool_)
         for name in _ring_columns(rings):
             found |= self._work.read(name, part) != 0
         return found
 
     def _neighborhood(self, part: int, rows: Rows) -> Around:
-        """Return a part with its margin. rows : of its own points"""
+        """Return a part with its margin, and the neighbours of some of its points.
+
+        rows : of these points within the part
+        """
         local, columns = self._work.local(part), self._work.columns
         mine = local.own[rows]
         near = np.zeros((len(local.rows), NEAR), np.int32)
@@ -189,7 +227,10 @@ class ThinSheets:
         return Around(local, mine, self._frame.of(local.read(columns[PLACED])), local.read(columns[FACED]), near)
 
     def _turn(self, field: Field, part: int) -> bool:
-        """Write which suspects are flipped; return whether there are any suspects."""
+        """Write which of a part's marked points are flipped, by their winding numbers and the side of the other sheet.
+
+        The winding numbers are stored. Returns whether the part has any marked points, which may be near two sheets.
+        """
         rows = np.flatnonzero(self._suspects(part))
         numbers = self._around(field, rows + self._work.part_rows(part).start)
         self._work.columns.fill(f"{NUMBERS}-{part:04d}", numbers)
@@ -198,7 +239,10 @@ class ThinSheets:
         return len(rows) > 0
 
     def _weigh(self, field: Field, part: int) -> None:
-        """Write the gain of the suspects, and which are undecided."""
+        """Write how much closer to 0 or 1 flipping has brought the winding numbers of a part's marked points.
+
+        Marked are those that may be near two sheets. Also write for which points the numbers do not decide.
+        """
         gain, rows = self._zeros(part, np.float32), np.flatnonzero(self._suspects(part))
         before = self._work.columns[f"{NUMBERS}-{part:04d}"][:]
         after = self._around(field, rows + self._work.part_rows(part).start)
@@ -207,13 +251,16 @@ class ThinSheets:
         self._write_flags(UNSURE, part, rows[sheets.is_unsure(before, after)])
 
     def _turn_back(self, part: int) -> None:
-        """Write which are flipped back because they gained nothing."""
+        """Write which flipped points of a part are flipped back: where winding numbers are no closer to 0 or 1."""
         turned = np.flatnonzero(self._work.read(TURNS, part))
         local, mine, _, _, near = self._neighborhood(part, turned)
         self._write_flags(BACK, part, turned[local.read(self._work.columns[GAIN])[near[mine]].sum(axis=1) <= 0])
 
     def _vote(self, part: int) -> None:
-        """Write which of the undecided points are flipped by their edges."""
+        """Write which undecided points of a part are flipped, as they contradict their neighbours' normals.
+
+        Undecided are those whose winding numbers do not decide, and those flipped back.
+        """
         columns = self._work.columns
         unsure = np.flatnonzero(self._work.read(UNSURE, part) | self._work.read(BACK, part))
         local, mine, positions, normals, near = self._neighborhood(part, unsure)
@@ -221,13 +268,16 @@ class ThinSheets:
         self._write_flags(VOTED, part, unsure[sheets.disagrees(mine, positions, normals, near)])
 
     def _write_flags(self, name: str, part: int, rows: Rows) -> None:
-        """Write 1 for some of a part's points, and 0 for the others."""
+        """Write a column of flags for a part's points: 1 for some of them, and 0 for the others.
+
+        rows : within the part
+        """
         flags = self._zeros(part, np.int8)
         flags[rows] = 1
         self._work.write(name, part, flags)
 
     def _zeros(self, part: int, dtype: Any) -> NDArray[Any]:
-        """Return a zero for each point of a part."""
+        """Return an array with a zero for each point of a part."""
         part_rows = self._work.part_rows(part)
         return np.zeros(part_rows.stop - part_rows.start, dtype)
 
@@ -241,7 +291,7 @@ def _rows(column: Any, runs: list[slice]) -> NDArray[Any]:
 
 
 def _signs(turned: NDArray[np.int8]) -> NDArray[np.int8]:
-    """Return -1 where points are flipped, else 1, (n, 1)."""
+    """Return -1 where points are flipped, else 1, (n, 1) int8. turned : (n,), not 0 where flipped"""
     return np.where(turned, np.int8(-1), np.int8(1))[:, None]
 
 
@@ -250,7 +300,12 @@ def _ring_columns(rings: int = sheets.RINGS) -> list[str]:
 
 
 def orient_sheets_of_parts(work: Work, cloud: Cloud, facts: Sequence[Facts], span: Span) -> None:
-    """Flip normals of thin plates and cavities, unless already done. facts : of all parts, see `find_surface`"""
+    """Flip wrong normals of thin plates and cavities, where two sheets are close, unless already done.
+
+    facts : of each part: "thick", the number of points that may be near two sheets, and "low" and "high", its bounding
+        box
+    span : begin and end of this stage, as fractions of all work
+    """
     thick = [fact["thick"] for fact in facts]
     if work.columns.get(DONE) is not None or not sum(thick):
         return

@@ -30,10 +30,10 @@ BINS = 1 << 16  # of the upper half of a float's bits, and of the lower half
 
 
 class Plan(NamedTuple):
-    """Values that the trees of all parts share.
+    """Values that the trees of all parts share, so that together they equal the tree of the whole model.
 
     size : splats of a part, a power of two, at least `least_size`
-    groups : of all splats, each of `GROUP`
+    groups : bounds of each 64 consecutive blocks of the whole model
     supports : (6,) float32, bounds of all supports
     reference : radius; steps are powers of two times it
     """
@@ -45,19 +45,26 @@ class Plan(NamedTuple):
 
 
 def least_size(count: int) -> int:
-    """Return the least number of splats of a part, a power of two."""
+    """Return the least number of splats of a part, a power of two, for a model of `count` splats."""
     return GROUP * groups_per_root(-(-count // GROUP))
 
 
 def shown(splats: Splats, size: int, part: int) -> tuple[Groups, NDArray[np.float32]]:
-    """Return the groups of a part, and the bounds of its supports. Arrays may be columns."""
+    """Return what other parts need of a part: the bounds of each 64 consecutive blocks, and (6,) of all its supports.
+
+    splats : of all parts; fields may be columns on disk; size : splats of a part
+    """
     mine = part_of(splats, slice(part * size, min((part + 1) * size, len(splats.radii))))
     order = np.arange(len(mine.radii), dtype=np.int32)
     return groups_of(*make_blocks(mine.positions, mine.normals, mine.radii, order)), bounds_of(mine)
 
 
 def plan_of(parts: list[tuple[Groups, NDArray[np.float32]]], radii: Any, size: int) -> Plan:
-    """Return the values that the trees share. radii : of all splats, an array or a column"""
+    """Return the values that the trees of all parts share.
+
+    parts : for each part the bounds of its groups of 64 blocks, and (6,) of all its supports
+    radii : of all splats, an array or a column on disk; size : splats of a part
+    """
     groups = Groups(*(np.concatenate(arrays) for arrays in zip(*(groups for groups, _ in parts), strict=True)))
     starts = range(0, len(radii), size)
     reference = nth_least(lambda: (radii[start : start + size] for start in starts), len(radii) // 50)
@@ -65,7 +72,10 @@ def plan_of(parts: list[tuple[Groups, NDArray[np.float32]]], radii: Any, size: i
 
 
 def tree_of(splats: Splats, plan: Plan, part: int, settings: TreeSettings) -> Tree:
-    """Build the tree of a part. Arrays of the splats may be columns."""
+    """Build the tree of a part: over its splats and those of other parts that reach into its space.
+
+    splats : of all parts; fields may be columns on disk; plan : values that all trees share
+    """
     count, step = len(splats.radii), longest_step(settings.samples)
     part_rows = slice(part * plan.size, min((part + 1) * plan.size, count))
     top, needed = top_of_part(plan.groups, step, range(part_rows.start // GROUP, -(-part_rows.stop // GROUP)))
@@ -75,16 +85,17 @@ def tree_of(splats: Splats, plan: Plan, part: int, settings: TreeSettings) -> Tr
 
 
 def cells_of(plan: Plan) -> NDArray[np.float64]:
-    """Return the space of each part, (parts, 6): split by the same planes as the whole tree."""
+    """Return the space of each part, (parts, 6), low x y z, high x y z: cut by the same planes as the whole tree."""
     return cells_of_parts(plan.groups, plan.size // GROUP)
 
 
 def tree_within(
     splats: Splats, box: NDArray[np.float64], shared: tuple[NDArray[np.float32], float], settings: TreeSettings
 ) -> Tree:
-    """Build the tree of splats in kd order within a box.
+    """Build the tree of splats within a box.
 
-    box : (6,) float64; shared : with other trees, `supports` and `reference` as in `Plan`
+    splats : in kd order; box : (6,) low x y z, high x y z
+    shared : with other trees: bounds of all supports, (6,), and a radius; steps are powers of two times it
     """
     groups = groups_of(*make_blocks(*splats[:3], np.arange(len(splats.radii), dtype=np.int32)))
     top = cut_top(groups, longest_step(settings.samples), within=box)
@@ -92,10 +103,13 @@ def tree_within(
 
 
 def with_margins(tree: Tree, box: NDArray[np.float64]) -> Tree:
-    """Return the tree of a level of detail in a box with margins (`Tree.noise`) in the leaves at the box's faces.
+    """Return the tree of a level of detail of a part, with a tolerance at the box's faces beyond which other parts lie.
 
     Beyond a face another level may be shown, whose surface is slightly higher or lower: a shadow ray that starts on the
-    lower one would pass through the step between them.
+    lower one would pass through the step between them. In the leaves at the faces `Tree.noise`, by which the start of
+    such rays is moved, is at least 0.1 radii.
+
+    box : (6,) low x y z, high x y z, the space of the part
     """
     leaves = tree.leaves.reshape(-1, LEAF)
     voxels, radii = leaves[:, CELL : CELL + 6], leaves[:, RADIUS]
@@ -108,23 +122,29 @@ def with_margins(tree: Tree, box: NDArray[np.float64]) -> Tree:
 
 
 def bounds_about(positions: NDArray[np.float32], origin: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the bounding box of positions, (2, 3), world."""
+    """Return the bounding box of positions, (2, 3) float64, in world coordinates.
+
+    origin : world position of their origin
+    """
     return np.stack([positions.min(axis=0), positions.max(axis=0)]).astype(np.float64) + origin
 
 
 def part_of(splats: Splats, rows: slice | NDArray[np.int64]) -> Splats:
-    """Select some of the splats."""
+    """Select some of the splats by their rows, copied from arrays or from columns on disk."""
     arrays: list[Any] = [None if array is None else np.ascontiguousarray(array[rows]) for array in splats]
     return Splats(*arrays)
 
 
 def box_around(boxes: NDArray[Any]) -> NDArray[Any]:
-    """Return the bounding box, (6,), of boxes (n, 6)."""
+    """Return the bounding box, (6,), of boxes (n, 6), all as low x y z, high x y z."""
     return np.concatenate([boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)])
 
 
 def nth_least(read: Callable[[], Iterable[NDArray[np.float32]]], n: int) -> float:
-    """Return the nth of all values in ascending order; they are positive. read : yields all values, in chunks"""
+    """Return the n-th (from 0) of many positive values in ascending order, without having all in memory.
+
+    read : yields all values, in chunks; called twice
+    """
     upper = sum(np.bincount(bits >> 16, minlength=BINS) for bits in _bits_of(read()))
     high = int(np.searchsorted(np.cumsum(upper), n, side="right"))
     n -= int(np.cumsum(upper)[high - 1]) if high else 0

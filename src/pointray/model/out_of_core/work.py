@@ -28,9 +28,10 @@ Result = TypeVar("Result")
 
 
 class Work:
-    """Columns of a cloud in parts, and stages for each part.
+    """A cloud on disk that is processed part by part, and the progress of this work.
 
-    Can be sent to workers, which process parts of a stage with it and report no progress.
+    Finished stages of a part are recorded on disk and not repeated, so an interrupted run can be resumed. A copy can be
+    sent to workers, which process parts with it and report no progress.
 
     Parameters
     ----------
@@ -38,7 +39,7 @@ class Work:
     total : int
         Number of points of the cloud.
     size : int
-        Points of a part, a power of two, at least `TILE`.
+        Points of a part, a power of two, at least `TILE` (4,096).
     progress : callable, optional
         Called with the fraction done.
     tasks : TaskExecutor, optional
@@ -68,15 +69,26 @@ class Work:
         return Work, (self.columns, self._total, self.size), {"is_sent": True}
 
     def part_rows(self, part: int) -> slice:
-        """Return the rows of a part."""
+        """Return the rows of a part in the columns, which hold the parts one after the other."""
         return slice(part * self.size, min((part + 1) * self.size, self._total))
 
     def watch(self, span: tuple[float, float]) -> Progress | None:
-        """Return the progress callback of a span of the time."""
+        """Return a callback for the progress of one stage.
+
+        span : begin and end of the stage, as fractions of all work
+        """
         return part_of(self._progress, *span)
 
     def make_column(self, name: str, dtype: Any, width: int = 0) -> Column:
-        """Return a column for all points, created if missing; raise a ValueError if it existed and was lost."""
+        """Return a column on disk with a row for each point; create it if it is missing.
+
+        width : numbers in a row, 0 for an array with one axis
+
+        Raises
+        ------
+        ValueError
+            If the column was created before and has been lost.
+        """
         there, made = self.columns.find(name), f"made-{name}"
         if there is not None:
             return there
@@ -87,15 +99,18 @@ class Work:
         return column
 
     def read(self, name: str, part: int) -> NDArray[Any]:
-        """Return the rows of a part in a column."""
+        """Return the rows of a part from the column on disk with this name."""
         return self.columns[name][self.part_rows(part)]
 
     def write(self, name: str, part: int, values: NDArray[Any]) -> None:
-        """Write the rows of a part to a column."""
+        """Write the rows of a part to the column on disk with this name."""
         self.columns[name].write(self.part_rows(part).start, values)
 
     def local(self, part: int) -> Local:
-        """Return the points of a part with its margin, which is computed once."""
+        """Return the rows of a part's points and of its margin, the surrounding points that its surface depends on.
+
+        The margin is found once and stored.
+        """
         tiles, name = np.arange(part * self.size, self.part_rows(part).stop, TILE) // TILE, f"margin-{part:04d}"
         known = self.columns.get_or_put(
             name, lambda: {"tiles": local_of(self.columns, tiles, self._total).tiles.tolist()}
@@ -103,7 +118,10 @@ class Work:
         return points_of(np.array(known["tiles"], np.int64), tiles, self._total)
 
     def statistics_for(self, stage: str, compute: Callable[[Local, CloudStatistics], Any]) -> CloudStatistics:
-        """Return the statistics that a stage needs of the whole cloud, computed on the sample and cached."""
+        """Return the statistics of the whole cloud that a stage needs, computed from a sample once and stored.
+
+        compute : runs the stage on the rows of the sample; the statistics it asks for are kept
+        """
 
         def on_sample() -> dict[str, float]:
             tiles = np.concatenate([np.arange(one.start, one.stop, TILE) // TILE for one in sample_of(self._total)])
@@ -116,12 +134,21 @@ class Work:
         return CloudStatistics(None, known, is_complete=True)
 
     def all(self, do: Callable[[int], Result], span: tuple[float, float], name: str = "signs") -> list[Result]:
-        """Call a function for each part; return the results. name : for the dashboard"""
+        """Call a function with the number of each part; return the results in the order of the parts.
+
+        All are computed anew.
+
+        span : begin and end of this step, as fractions of all work; name : label in the dashboard of the workers
+        """
         results = dict(self._share(name, partial(_do, self, do), range(self.parts), span))
         return [results[part] for part in range(self.parts)]
 
     def each(self, stage: str, do: Callable[[int], Facts | None], span: tuple[float, float]) -> list[Facts]:
-        """Run a stage for each part where it is not done yet; return the facts of all parts."""
+        """Run a stage for each part for which it is not recorded as done; return its facts for all parts.
+
+        do : called with the number of a part; returns a few facts, which are stored as JSON and mark the stage as done
+        span : begin and end of the stage, as fractions of all work
+        """
         known = {part: self.columns.get(_mark(stage, part)) for part in range(self.parts)}
         todo = [part for part, facts in known.items() if facts is None]
         known.update(self._share(stage, partial(_do_once, self, stage, do), todo, span))
@@ -130,7 +157,10 @@ class Work:
     def _share(
         self, name: str, do: Callable[[int], Result], todo: Sequence[int], span: tuple[float, float]
     ) -> Iterator[tuple[int, Result]]:
-        """Call a function for some parts, by the executor; yield each part with its result."""
+        """Call a function with the numbers of some parts, here or in the workers; yield each number with its result.
+
+        name : label in the dashboard of the workers; span : begin and end of this step, as fractions of all work
+        """
         report, done = self.watch(span), self.parts - len(todo)
 
         def tick() -> None:
@@ -144,18 +174,18 @@ class Work:
 
 
 def within(span: Span, begin: float, end: float) -> Span:
-    """Return the part of a span between two fractions of it."""
+    """Return a part of a span of progress. begin, end : of the part, as fractions of the span"""
     length = span[1] - span[0]
     return span[0] + begin * length, span[0] + end * length
 
 
 def _mark(stage: str, part: int) -> str:
-    """Return the name of the facts that mark a stage of a part as done."""
+    """Return the name under which the facts of a stage of a part are stored, which marks it as done."""
     return f"{stage}-{part:04d}"
 
 
 def _do(work: Work, do: Callable[[int], Result], part: int) -> Result:
-    """Call a function for a part, then flush its columns to the disk, for all machines."""
+    """Call a function with the number of a part; return its result. Columns are flushed to disk, for other machines."""
     if work.is_sent:
         refresh_listing(work.columns.folder)
     result = do(part)
@@ -165,7 +195,7 @@ def _do(work: Work, do: Callable[[int], Result], part: int) -> Result:
 
 
 def _do_once(work: Work, stage: str, do: Callable[[int], Facts | None], part: int) -> Facts:
-    """Run a stage for a part, and mark it as done."""
+    """Run a stage for a part and store the facts it returns, which marks it as done."""
     facts = _do(work, do, part) or {}
     work.columns.put(_mark(stage, part), facts)
     return facts
