@@ -25,7 +25,7 @@ class Grid(NamedTuple):
 
 
 def from_grid(u: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Map grid positions, -1 to 1, to coordinates on the plane relative to half the width of the scene: u / (1 - |u|)."""
+    """Map grid positions, -1 to 1, to plane coordinates in units of half the scene's width: u / (1 - |u|)."""
     return np.asarray(u / (1.0 - np.abs(u)))
 
 

@@ -58,7 +58,7 @@ def _average(work: Array, world: World, samples: int, out: Array) -> int:
 
 
 def sample_sky(world: World) -> Sky:
-    """Return a scene's sky as an octahedral map of radiance, and its brightest spots as directional lights; black if none."""
+    """Return the sky of a scene: an octahedral map of radiance, and its brightest spots as directional lights."""
     numbers = np.zeros((SKY_TEXELS, PER_TEXEL), np.float32)
     if world.sky[SKY_KIND] != NO_SKY:
         fine = int(np.ceil(2.0 * world.sky[SKY_WIDTH] / SKY_EDGE))  # about two samples per pixel of an environment map
