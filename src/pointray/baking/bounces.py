@@ -67,13 +67,16 @@ class Links(NamedTuple):
 
 @inline
 def bytes_of(links: int) -> int:
-    """Return the number of bytes that hold one bit for each of a patch's links."""
+    """Return the bytes of a bit mask with one bit for each of a patch's links, its rays to sources of light."""
     return (links + 7) // 8
 
 
 @inline
 def _is_hidden(links: Links, m: int, k: int) -> bool:
-    """Return whether an area light blocks link k of patch rows[m], so that no light arrives along it."""
+    """Return whether an area light blocks a link (a ray from a patch to a source of light), so that it brings no light.
+
+    m, k : index of the patch in `links.rows`; index of the link among those of the patch
+    """
     if links.hidden.size == 0:
         return False
     at = m * bytes_of(links.parts[0] * links.parts[1]) + k // 8
@@ -82,8 +85,11 @@ def _is_hidden(links: Links, m: int, k: int) -> bool:
 
 @inline
 def _radiance(links: Links, at: int, sources: Array, lamps: Array) -> Vec3:
-    """Return the RGB radiance that arrives along the link at index `at` of `links.links`, tinted by mirrors and glass.
+    """Return the RGB radiance that arrives along a link (a ray from a patch to a source of light).
 
+    It is tinted by mirrors and glass on the way.
+
+    at : index of the link in `links.links`
     sources : flat float32, PER_SOURCE numbers for each texel of the sky and each patch: their radiance
     lamps : (lights * 3,) float64, radiance of the lights, for links that lead to one through a mirror or glass
     """
@@ -100,7 +106,9 @@ def _radiance(links: Links, at: int, sources: Array, lamps: Array) -> Vec3:
 
 @kernel
 def add_irradiance(work: Array, links: Links, sources: Array, lamps: Array, every: int, out: Array) -> int:
-    """Add the irradiance that arrives along links, pi times their mean radiance, to that of their patches.
+    """Add what arrives along links (rays from patches to sources of light) to the irradiance of their patches.
+
+    It is pi times the mean radiance of a patch's links, as these are cosine-distributed.
 
     sources, lamps : flat, radiance of sky texels and patches, and of lights
     every : follow one link in `every`; neighbouring patches follow different ones
@@ -158,10 +166,10 @@ def reflect(
 
 @inline
 def _add_moments(light: Vec3, moments: Array, at: int, sums: Array) -> None:
-    """Add the moments of light from one direction to the sums of a patch.
+    """Add light from one direction to a patch's sums of light times products of direction components.
 
-    light : RGB; moments : products of direction components, nine of them from index `at`, see `cell_moments`
-    sums : (SUMS,), the nine moments of luminance, then the first three of red and of blue
+    light : RGB; moments : nine such products from index `at`, see `cell_moments`
+    sums : (SUMS,), nine of luminance, then the first three of red and of blue
     """
     gray = luminance(light)
     for b in range(MOMENTS):
@@ -173,9 +181,10 @@ def _add_moments(light: Vec3, moments: Array, at: int, sums: Array) -> None:
 
 @inline
 def _write_moments(sums: Array, normal: Vec3, scaled: float, out: Array, at: int) -> None:
-    """Add the spherical harmonics of a patch's summed light (bands 1 and 2) to its values in `out`, from index `at`.
+    """Add the spherical harmonics (bands 1 and 2) of a patch's light, in world space, to its values at out[at:].
 
-    sums : (SUMS,), moments of light in the frame of the normal, see `_add_moments`; scaled : factor
+    sums : (SUMS,), light times products of direction components in the frame of the normal, see `_add_moments`
+    scaled : factor
     """
     first, second = tangents(normal)
     frame = first, second, normal
@@ -195,12 +204,12 @@ def _write_moments(sums: Array, normal: Vec3, scaled: float, out: Array, at: int
 def add_facts(
     work: Array, links: Links, patches: Patches, sources: Array, lamps: Array, moments: Array, out: Array
 ) -> int:
-    """Add what links contribute to the values stored for their patches besides irradiance.
+    """Add the contribution of links (rays from patches to sources of light) to all values of patches but irradiance.
 
-    These are moments of the arriving light minus those of uniform light, in world space, the fraction of links that
-    lead to the sky, and the variance of the irradiance. The moments of uniform light are computed from the same links,
-    so uniform light has no noise. All sums are taken in the frame of the normal with tabulated moments: recomputing
-    each direction took half of the time of all bounces.
+    These are spherical harmonics of the arriving light minus those of uniform light, the fraction of links that lead to
+    the sky, and the variance of the irradiance. The harmonics of uniform light are computed from the same links, so
+    uniform light has no noise. All sums are taken in the frame of the normal with tabulated products of direction
+    components: recomputing each direction took half of the time of all bounces.
 
     sources, lamps : flat, radiance of sky texels and patches, and of lights
     moments : flat float64, see `directions.cell_moments`; out : (patches * FACTS,) float32
@@ -254,9 +263,9 @@ def _is_blocked_by_lamp(world: World, patches: Patches, patch: int, d: Vec3, lin
 
 @kernel
 def hide_links(work: Array, world: World, links: Links, patches: Patches) -> int:
-    """Mark in `links.hidden` the links (rays from a patch to a source of light) that an area light blocks.
+    """Mark in `links.hidden` the links (rays from patches to sources of light) that an area light blocks.
 
-    Area lights are not part of the links, which can therefore be reused when lights change.
+    Area lights are ignored when links are found, so that these can be reused when lights change.
     """
     world, links, patches = borrow(world), borrow(links), borrow(patches)
     count = links.parts[0] * links.parts[1]

@@ -76,9 +76,8 @@ class Rays(NamedTuple):
     stage : FIND_LINKS (what lies around each patch), FIND_DIRECT (shadow rays to lights) or FIND_SUNS (shadow rays to
         bright spots of the sky)
     parts : (rows, columns) of the strata of the hemisphere, with one FIND_LINKS ray each; seed : of the random numbers
-    samples : shadow rays to each area light; tinted : whether there are mirrors or glass, which colour what is seen in
-        them
-    suns : (n * 3,) float64, directions to bright spots of the sky
+    samples : shadow rays to each area light; suns : (n * 3,) float64, directions to bright spots of the sky
+    tinted : whether there are mirrors or glass, which colour what is seen in them
     """
 
     stage: int

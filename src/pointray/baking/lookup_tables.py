@@ -104,7 +104,7 @@ class LightTables(NamedTuple):
 
 
 def _slots(scene: Snapshot, levels: NDArray[np.int64]) -> list[int]:
-    """Return the number of splats that fit into the blocks of the tree that each instance shows; 0 for planes.
+    """Return the number of splats, unused slots of blocks included, of the tree that each instance shows; 0 for planes.
 
     levels : (instances,), the level of detail that each instance shows
     """

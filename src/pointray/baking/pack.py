@@ -17,9 +17,10 @@ CHUNK = 4096
 
 @inline
 def write_record(values: Array, scale: float, out: Array, at: int) -> None:
-    """Encode light as a 16-byte record, out[at : at + RECORD]: irradiance as RGB9E5, and quantized moments.
+    """Encode light as a 16-byte record, out[at : at + RECORD]: irradiance as RGB9E5, and its directional distribution.
 
-    values : PER_PATCH numbers: irradiance from surfaces and the sky, irradiance from lights, moments of the former
+    values : PER_PATCH numbers: irradiance from surfaces and the sky, irradiance from lights, spherical harmonics of the
+        former
     scale : factor for irradiance
     """
     light = values[LIGHT] * 1.0, values[LIGHT + 1] * 1.0, values[LIGHT + 2] * 1.0
@@ -57,7 +58,8 @@ def pack(work: Array, around: Array, weights: Array, values: Array, scale: float
 
     around, weights : the AROUND patches near each block, and their weights for each splat; if empty, each record is
         that of its own patch
-    values : (patches * PER_PATCH,) float32: irradiance from surfaces and the sky, irradiance from lights, moments
+    values : (patches * PER_PATCH,) float32: irradiance from surfaces and the sky, irradiance from lights, spherical
+        harmonics
     scale : factor for irradiance; out : (n * RECORD,) int32
     """
     around, weights, values, out = borrow(around), borrow(weights), borrow(values), borrow(out)

@@ -61,7 +61,9 @@ class Lights(NamedTuple):
 
 
 def find_lights(world: World, sky: Sky, transport: Transport) -> Lights:
-    """Compute the light that arrives at patches before any bounce, and find which of their links area lights block.
+    """Compute the light that arrives at patches before any bounce.
+
+    It also finds which links (rays from patches to sources of light) area lights block.
 
     sky : of this world; transport : the patches and their links
     """
@@ -72,7 +74,7 @@ def find_lights(world: World, sky: Sky, transport: Transport) -> Lights:
 def solve(world: World, transport: Transport, settings: BakeSettings, seen: Lights) -> ArrivingLight:
     """Propagate light between patches until it converges: return the light that arrives at them after all bounces.
 
-    transport : the patches and their links; seen : light before any bounce
+    transport : the patches and their links (rays to sources of light); seen : light before any bounce
     """
     n, threads, (lights, sky, cosines) = len(transport), settings.threads, seen
     suns = cosines @ sky.irradiances
@@ -131,7 +133,7 @@ def _bands(directions: NDArray[Any]) -> Floats:
 def _gather_light(
     transport: Transport, light: Floats, lamps: NDArray[np.float64], every: int, indirect: Floats, threads: int | None
 ) -> None:
-    """Compute the irradiance that arrives at all patches along their links.
+    """Compute the irradiance that arrives at all patches along their links, rays to sources of light.
 
     light : radiance of sky texels and patches, flat; lamps : radiance of lights, flat
     every : follow one link in `every`, which is faster and noisier; indirect : (n, 3), overwritten with the irradiance

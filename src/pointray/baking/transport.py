@@ -52,7 +52,9 @@ class Side(NamedTuple):
 
 
 class Transport:
-    """All patches of the sides of instances that may be lit, one side after the other, and the rays that link them.
+    """All patches of the sides of instances that may be lit, one side after the other, and their links.
+
+    Links are rays from a patch to what it receives light from: other patches, and texels of the sky.
 
     Parameters
     ----------

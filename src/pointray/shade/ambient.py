@@ -48,7 +48,9 @@ def see_sky(world: World, sample: int, distance: float, scratch: Scratch) -> Non
 
 @inline
 def find_sky_seen(world: World, look: tuple[int, int, float], scratch: Scratch) -> None:
-    """Estimate the visible fraction of the sky at the tile's surface points, in SKY_SEEN. Overwrites the tile's rays.
+    """Estimate the visible fraction of the sky at the tile's surface points. Overwrites the tile's rays.
+
+    The result is in row SKY_SEEN of the scratch.
 
     look : (sample index, rays per point, ray length); with 0 rays the whole sky is visible
     """

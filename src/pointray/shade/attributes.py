@@ -145,7 +145,7 @@ def _distinct_colors(count: int) -> list[tuple[int, ...]]:
 
 
 def category_name(attribute: Attribute, value: int) -> str:
-    """Return the label of a category, for legends and for points clicked in the viewer."""
+    """Return the label of a category, such as "2 ground" or "yes", for legends and for points clicked in the viewer."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     known = is_classification(attribute.name) and value in ASPRS

@@ -24,8 +24,8 @@ EDGE_LEVEL = 0.6  # the same at grazing view
 def mute_back_faces(world: World, scratch: Scratch) -> None:
     """Replace the radiance where camera rays hit back faces of models by a desaturated, unshadowed surface colour.
 
-    Back faces are seen through holes of a scan, and would be nearly black. Mirrors and glass are unchanged, and so is
-    all in scenes that have lights but no sky.
+    Back faces are seen through holes of a scan, and would be nearly black. Mirrors and glass are unchanged. In scenes
+    with lights but without sky nothing changes.
     """
     points = scratch.shading_points
     for i in range(TILE):

@@ -88,9 +88,9 @@ def _normals(world: World, instance: int, four: Four, scratch: Scratch) -> FourP
 def _weigh(world: World, tree: Tree, four: Four, scratch: Scratch) -> None:
     """Find the splats whose baked light is blended at four hits in one leaf, and their weights.
 
-    Weights are those of the surface, reduced where a splat's normal differs from the hit's. Lane 4 r + j of a block's
-    weights in `Scratch.splats` is that of its splat j at hit r. If no splat has weight, the nearest one gets weight 1.
-    A scattered point has its own record.
+    Weights are those of the surface, reduced where a splat's normal differs from the hit's. If no splat has weight, the
+    nearest one gets weight 1. A scattered point has its own record. `Scratch.near` lists the blocks; `Scratch.splats`
+    has 16 weights for each, lane 4 r + j for its splat j at hit r.
 
     four : rays of the tile
     """
@@ -139,7 +139,8 @@ def _weigh(world: World, tree: Tree, four: Four, scratch: Scratch) -> None:
 def _weigh_cells(world: World, four: Four, scratch: Scratch) -> None:
     """Find the four cells around each of four hits on a plane, and the weights to interpolate baked light from them.
 
-    The weights are stored in `Scratch.splats`, for groups of four consecutive cells: lane 4 r + j is cell j at hit r.
+    `Scratch.near` lists groups of four consecutive cells; `Scratch.splats` has 16 weights for each, lane 4 r + j for
+    its cell j at hit r.
 
     four : rays of the tile
     """
@@ -165,7 +166,9 @@ def _weigh_cells(world: World, four: Four, scratch: Scratch) -> None:
 
 @inline
 def _find_four(world: World, four: Four, first: bool, scratch: Scratch) -> None:
-    """Look up the baked light at four hits on the same side of one leaf or plane, and store it in the rows ARRIVING.
+    """Look up the irradiance of baked light at four hits on the same side of one leaf or plane.
+
+    The result is in rows ARRIVING of the scratch.
 
     four : rays of the tile, which may repeat the first; first : whether these are the camera's first hits
     """
@@ -221,7 +224,7 @@ def _is_sheeted(world: World, i: int, scratch: Scratch) -> bool:
 
 @routine
 def find_baked(world: World, first: bool, scratch: Scratch) -> None:
-    """Look up the irradiance of baked light at the tile's hits, and store it in the rows ARRIVING.
+    """Look up the irradiance of baked light at the tile's hits. The result is in rows ARRIVING of the scratch.
 
     first : whether these are the camera's first hits. If so, it is indirect light only, and for materials with a wide
         glossy lobe also spherical harmonics of it are stored; else the baked direct light is added

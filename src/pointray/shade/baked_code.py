@@ -55,7 +55,10 @@ def steps_of(x: float, reach: float, levels: int) -> int:
 
 @inline
 def _excess(moment: float, of: float, share: float) -> float:
-    """Return a moment relative to the irradiance `of` of its channel, minus `share`; 0 without irradiance."""
+    """Return a spherical harmonic of light relative to the irradiance `of` of its channel, minus `share`.
+
+    Return 0 without irradiance.
+    """
     return moment / of - share if of > 0.0 else 0.0
 
 

@@ -94,7 +94,7 @@ def add_baked(world: World, first: bool, sample: int, scratch: Scratch) -> None:
 
 @inline
 def _set_light(world: World, light: int, sample: int, scratch: Scratch) -> bool:
-    """Set shadow rays from the tile's surface points to a light, and store in GAIN what they add if unoccluded.
+    """Set shadow rays from the tile's surface points to a light, and store what they add if unoccluded (row GAIN).
 
     Returns whether the light adds anything. light : offset of its record in `world.lights`
     sample : index of the sample, which selects a point on the light; -1: its centre

@@ -27,11 +27,11 @@ SUM_MOMENTS, SUM_LIGHT, SUM_DIRECT, SUM_WEIGHTS = 0, 4 * sc.LANES, 5 * sc.LANES,
 
 @inline
 def list_record(four: int, r: int, k: int, share: float, scratch: Scratch) -> None:
-    """Add `share` to the weight with which record k of a group of four is blended at one of four points.
+    """Add `share` to the weight of a light record at one of four surface points whose baked light is blended together.
 
-    The group is appended to `Scratch.near` if it is not listed yet.
+    Records are listed in groups of four: a group is appended to `Scratch.near` if it is missing there.
 
-    four : index of the group; r : index of the point; k : 0 to 3
+    four, k : index of the group, and of the record in it, 0 to 3; r : index of the point, 0 to 3
     """
     count, at = scratch.counts[sc.COUNT_NEAR], 0
     while at < count and i64(scratch.near[at]) != four:  # neighbours on a plane mostly share their cells
@@ -45,7 +45,9 @@ def list_record(four: int, r: int, k: int, share: float, scratch: Scratch) -> No
 
 @inline
 def spread_out(spread: Array, scratch: Scratch) -> None:
-    """Replace the weights of splats by those of the records of coarser light from which each splat is interpolated.
+    """Replace the weights of splats (`Scratch.splats`) by those of the light records from which each is interpolated.
+
+    This is for coarser light, which has fewer records than splats.
 
     spread : for each block four records and their weights, see `records.SPREAD`
     """
@@ -71,10 +73,10 @@ def spread_out(spread: Array, scratch: Scratch) -> None:
 
 @inline
 def _add(sums: Sums, value: F16, weights: Array, at: int) -> Sums:
-    """Add a value of four records, times their weights at each of four points, to the sums of these points.
+    """Add a value of four light records, times their weights at four surface points, to the sums of these points.
 
-    value : a quarter for each component, four records each; weights, at : 16 weights from index `at`, four for each
-        point
+    sums : one vector for each point; value : a quarter for each component, a lane of it for each record
+    weights, at : 16 weights from index `at`, four for each point
     """
     return (
         sums[0] + value * repeat4(weights, at),
@@ -86,16 +88,19 @@ def _add(sums: Sums, value: F16, weights: Array, at: int) -> Sums:
 
 @inline
 def _store(to: int, sums: Sums, scratch: Scratch) -> None:
-    """Sum each quarter of four points' vectors, and store quarter q of point r in `Scratch.part`[to + 4 q + r]."""
+    """Store the sums of four surface points in `Scratch.part`: component q at point r at index to + 4 q + r.
+
+    sums : one vector for each point, a quarter for each component, whose four lanes are added up
+    """
     store(scratch.part, to, sums_of_fours(sums[0], sums[1], sums[2], sums[3]))
 
 
 @inline
 def sum_light(records: Array, column: int, to: int, scratch: Scratch) -> None:
-    """Sum the irradiance of the listed light records, times their weights at four points.
+    """Sum the irradiance of the listed light records, times their weights at each of four surface points.
 
-    records : flat int32; column : INDIRECT or DIRECT; to : where in `Scratch.part` the sums are stored: red of the four
-        points, green, blue
+    records : flat int32; column : INDIRECT or DIRECT
+    to : index in `Scratch.part` at which the sums are stored: red at the four points, green, blue
     """
     zero = broadcast16(ZERO)
     sums = zero, zero, zero, zero
@@ -110,7 +115,7 @@ def sum_light(records: Array, column: int, to: int, scratch: Scratch) -> None:
 def sum_moments(records: Array, scratch: Scratch) -> None:
     """Sum the indirect irradiance and its spherical harmonics over the listed light records, weighted for four points.
 
-    records : flat int32. The sums are stored in `Scratch.part`, from SUM_LIGHT and SUM_MOMENTS.
+    The sums are stored in `Scratch.part`, from SUM_LIGHT and SUM_MOMENTS. records : flat int32
     """
     zero = broadcast16(ZERO)
     sums = a = b = c = d = (zero, zero, zero, zero)
@@ -130,9 +135,10 @@ def sum_moments(records: Array, scratch: Scratch) -> None:
 
 @inline
 def store_light(i: int, r: int, unit_of: float, also_direct: bool, scratch: Scratch) -> None:
-    """Store the irradiance at surface point i: the weighted sum of records at point r of four, divided by the weights.
+    """Store the irradiance at surface point i of the tile: the weighted sum of light records, divided by the weights.
 
-    unit_of : irradiance of 1.0 in a record, W/m2; also_direct : whether to add the direct light
+    r : which of the four points summed together this is; unit_of : irradiance of 1.0 in a record, W/m2
+    also_direct : whether to add the direct light
     """
     part = scratch.part
     share = unit_of / f64(part[SUM_WEIGHTS + 4 * r])
@@ -145,9 +151,9 @@ def store_light(i: int, r: int, unit_of: float, also_direct: bool, scratch: Scra
 
 @inline
 def store_moments(i: int, r: int, unit_of: float, scratch: Scratch) -> None:
-    """Store the spherical harmonics of the light at surface point i, from the weighted sums at point r of four.
+    """Store the spherical harmonics of the light at surface point i of the tile: a weighted mean of light records.
 
-    unit_of : irradiance of 1.0 in a record, W/m2
+    r : which of the four points summed together this is; unit_of : irradiance of 1.0 in a record, W/m2
     """
     part, points, at = scratch.part, scratch.shading_points, SUM_MOMENTS + r
     share = unit_of / f64(part[SUM_WEIGHTS + 4 * r])

@@ -30,7 +30,8 @@ from .sky import has_sky, is_importance_sampled, sample_sky, sky_irradiance, sky
 def find_caught(world: World, scratch: Scratch) -> Bits:
     """Find which of the camera's first hits are on shadow catchers, planes that show only shadows; return them (bits).
 
-    They are also stored in CAUGHT, and their sums of light with and without occlusion, LIT and UNLIT, are cleared.
+    They are also stored in CAUGHT of the scratch. Their sums of light with and without occlusion, in rows LIT and
+    UNLIT, are cleared.
     """
     bits, points = i64(0), scratch.shading_points
     if world.catchers > 0:
@@ -51,7 +52,7 @@ def _clear_rays(scratch: Scratch) -> None:
 
 @inline
 def _set_shadow_ray(scratch: Scratch, i: int, light: float, wi: Vec3, distance: float) -> None:
-    """Store the light that arrives at shadow catcher i if unoccluded, and set a shadow ray towards it.
+    """Set a shadow ray from the hit of ray i on a shadow catcher to a light, and store its light if unoccluded.
 
     light : luminance times cosine; wi, distance : unit direction and distance of the light
     """
@@ -63,7 +64,9 @@ def _set_shadow_ray(scratch: Scratch, i: int, light: float, wi: Vec3, distance: 
 
 @inline
 def _add_unblocked(world: World, caught: Bits, shadows: bool, scratch: Scratch) -> None:
-    """Trace shadow rays of shadow catchers; add the stored light of each to UNLIT and, where not blocked, to LIT.
+    """Trace the shadow rays of shadow catchers, and add the light stored for each to the catcher's sums.
+
+    The sums are UNLIT, of all light, and LIT, of light that is not blocked.
 
     caught : the rays of the tile that have hit a catcher; shadows : whether to trace, else nothing is blocked
     """
@@ -80,7 +83,10 @@ def _add_unblocked(world: World, caught: Bits, shadows: bool, scratch: Scratch) 
 
 @inline
 def _exclude(caught: Bits, scratch: Scratch) -> None:
-    """Mark the tile's hits on shadow catchers as misses without radiance, so that they are not shaded like surfaces."""
+    """Mark hits on shadow catchers as misses without radiance, so that they are not shaded like surfaces.
+
+    caught : the rays of the tile that have hit a catcher
+    """
     for i in range(sc.TILE):
         if (caught >> i) & 1 != 0:
             scratch.shading_points[sc.SHADING_INSTANCE + i] = -1.0

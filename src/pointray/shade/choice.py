@@ -46,7 +46,7 @@ def sky_probability(world: World) -> float:
 
 @inline
 def _nonzero(x: float) -> float:
-    """Return a component of a direction, replaced by FLAT if it is smaller, so that it can be a divisor."""
+    """Return a component of a direction, replaced by FLAT if its magnitude is smaller, so that it can be a divisor."""
     return x if abs(x) >= FLAT else FLAT
 
 

@@ -22,7 +22,7 @@ from .sky import has_sky, sky_irradiance
 
 @inline
 def _arrive(world: World, light: int, kind: float, scratch: Scratch) -> None:
-    """Set a ray from each of the tile's surface points to the centre of a light; store the unoccluded light in GAIN.
+    """Set a ray from each of the tile's surface points to the centre of a light; store its unoccluded light (row GAIN).
 
     Rays without a surface point are computed too: a loop without branches is vectorized.
 
@@ -38,7 +38,7 @@ def _arrive(world: World, light: int, kind: float, scratch: Scratch) -> None:
 
 @inline
 def _light_from(world: World, light: int, scratch: Scratch) -> bool:
-    """Set shadow rays to the centre of a light, and store in GAIN what the tile's surface points reflect if unoccluded.
+    """Set shadow rays to the centre of a light; store what the tile's points reflect if unoccluded (row GAIN).
 
     Returns whether the light adds anything. light : offset of its record in `world.lights`
     """
@@ -65,7 +65,7 @@ def _light_from(world: World, light: int, scratch: Scratch) -> bool:
 
 @inline
 def shade_gains(scratch: Scratch) -> None:
-    """Set the contribution of a light (GAIN) to 0 where the tile's traced shadow rays are blocked.
+    """Set a light's contribution to the tile's points (row GAIN) to 0 where their traced shadow rays are blocked.
 
     It has no branches, so that it is vectorized.
     """

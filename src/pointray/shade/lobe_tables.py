@@ -116,10 +116,15 @@ class _Estimate:
             self._with_each.append(of_field @ weighted.T + np.diag(uncertain))
 
     def __call__(self, lobes: Floats, colors: bool) -> list[Floats]:
-        """Return the coefficients of the spherical harmonics for k lobes: arrays (m, k), one for each azimuthal order.
+        """Return coefficients by which harmonics of the arriving light yield an estimate of what each of k lobes reflects.
 
         lobes : (n, k), lobes at the quadrature directions, times their weights
         colors : use bands 0 and 1 only, all that is known of red and blue; else also band 2
+
+        Returns
+        -------
+        list of (m, k) float64
+            For each azimuthal order the coefficients of its m harmonics.
         """
         used = (2, 1) if colors else (3, 2, 1)
         return [

@@ -103,8 +103,8 @@ def receive(world: World, depth: int, sky_shows: bool, scratch: Scratch) -> Bits
 def _pair(scratch: Scratch, i: int, sample: int, depth: int, which: int) -> tuple[float, float]:
     """Return two random numbers in [0, 1) for a decision of the path of ray i at a bounce.
 
-    sample : index of the sample; depth : index of the bounce; which : of the decisions in `sampling.py`, such as
-        ON_LIGHT
+    sample, depth : indices of the sample and of the bounce
+    which : the decision, one of those in `sampling.py`, such as ON_LIGHT
     """
     return sample_pair(int(scratch.shading_points[sc.KEY + i]), sample, ON_PATH + depth * PER_SCATTERING + which)
 
@@ -196,7 +196,7 @@ def follow(scratch: Scratch) -> bool:
 
 @inline
 def trace_paths(world: World, sample: int, max_depth: int, sky_shows: bool, scratch: Scratch) -> Bits:
-    """Trace paths from the tile's camera rays, and add their radiance to the row RADIANCE.
+    """Trace paths from the tile's camera rays, and add their radiance to row RADIANCE of the scratch.
 
     sample : index of the sample; max_depth : maximum number of bounces
     sky_shows : whether camera rays that hit nothing see the sky

@@ -30,7 +30,7 @@ LEAST_COSINE = 0.05  # smallest cosine between that normal and the direction to 
 
 @inline
 def begin_radiance(scratch: Scratch) -> None:
-    """Reset the tile's radiance (RADIANCE) to 0 and its rays' throughput (THROUGHPUT) to 1, before a sample."""
+    """Reset the radiance of the tile's camera rays to 0 and their throughput to 1 (rows RADIANCE and THROUGHPUT)."""
     for i in range(sc.TILE):
         store3(scratch.shading_points, sc.RADIANCE + i, BLACK)
         store3(scratch.shading_points, sc.THROUGHPUT + i, WHITE)
@@ -65,7 +65,7 @@ def margin_of(world: World, scratch: Scratch, i: int) -> float:
 
 @inline
 def _soften(world: World, scratch: Scratch, i: int) -> None:
-    """Blend the normal at hit i on a sphere with the mean direction of the sphere's neighbourhood.
+    """Blend the normal at the hit of ray i on a scattered point, drawn as a sphere, with the mean direction around it.
 
     This gives tree crowns smooth shading instead of speckle. The normal stays on the side of the eye.
     """
@@ -112,7 +112,7 @@ def store_shading_points(world: World, scratch: Scratch) -> None:
 
 @inline
 def start_of(scratch: Scratch, i: int, side: float) -> Vec3:
-    """Return the origin of rays that leave surface point i on one side, offset from the surface by its margin.
+    """Return the origin of rays that leave surface point i of the tile on one side, a small distance off the surface.
 
     side : +1 for the side to which normals point, or -1
     """

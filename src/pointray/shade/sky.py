@@ -123,7 +123,7 @@ def sample_sky(world: World, u: float, v: float) -> LightSample:
 
 @inline
 def sky_irradiance(world: World, n: Vec3) -> Vec3:
-    """Return the unoccluded irradiance from the sky at unit normal n, by spherical harmonics of degree 2.
+    """Return the unoccluded irradiance from the sky of a surface with unit normal n, by harmonics of degree 2.
 
     The error is 1% for light from one hemisphere, and about 5% or more for small bright spots (Ramamoorthi and Hanrahan
     2001).

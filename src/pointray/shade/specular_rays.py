@@ -29,8 +29,9 @@ def begin_specular(scratch: Scratch) -> None:
 def push_ray(scratch: Scratch, i: int, d: Vec3, weight: Vec3, side: float) -> None:
     """Push a ray that leaves surface point i in direction d onto the stack of rays to trace later.
 
-    Rays of throughput below FAINT are dropped. weight : throughput, RGB; side : of the surface on which it leaves, +1
-    or -1
+    Rays of throughput below FAINT are dropped.
+
+    weight : throughput, RGB; side : of the surface on which the ray leaves, +1 or -1
     """
     count = scratch.numbers[sc.WAITING_COUNT + i]
     if max(weight[0], weight[1], weight[2]) < FAINT or count == sc.MOST_WAITING:

@@ -30,6 +30,8 @@ def _coat(alpha: float) -> tuple[float, float, float]:
 
     This is a fit to integrals of F D G2 / (4 c) that is nowhere below them, so that facets and base conserve energy. It
     exceeds them by at most 0.015 for c > 0.2, and by at most 0.05 for c > 0.1.
+
+    alpha : roughness of GGX
     """
     rough = alpha**0.5
     least = 0.0404 - 0.0261 * rough**3.62
@@ -236,9 +238,8 @@ def lobes_of_principled(world: World, material: int, point: ShadingPoint) -> tup
 
 @inline
 def exponent_of_facets(alpha: float) -> float:
-    """Return the exponent of a lobe cos^exponent about the mirrored direction, as wide as that of GGX facets.
+    """Return the exponent of a lobe cos^exponent about the mirrored direction, as wide as GGX at normal incidence.
 
-    It is a quarter of the exponent 2 / alpha^2 - 2 of the facets' normals (Walter et al. 2007), and exact at normal
-    incidence.
+    It is a quarter of the exponent 2 / alpha^2 - 2 of the facets' normals (Walter et al. 2007).
     """
     return 0.25 * max(2.0 / (alpha * alpha) - 2.0, 0.0)

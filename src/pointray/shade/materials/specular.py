@@ -121,8 +121,8 @@ def sample_specular(world: World, material: int, point: ShadingPoint, which: flo
 
     The side, +1.0 or -1.0, is that of the surface on which the new ray leaves.
 
-    material : offset of its record in `world.materials`; which : random number in [0, 1), chooses reflection or
-        refraction
+    material : offset of its record in `world.materials`
+    which : random number in [0, 1) that chooses between reflection and refraction
     """
     if world.materials[material + MATERIAL_KIND] == MIRROR:
         return mirrored(point.wo, point.normal), point.color, 0.0, point.side
