@@ -67,6 +67,7 @@ def _in_part(patch: int, link: int, seed: int) -> tuple[int, int]:
     """Return a ray's position within its stratum of the hemisphere: (u, v), two fractions times 2^32.
 
     patch, link : the patch that sends the ray, and index of the ray, which is also that of its stratum
+    seed : of the random numbers
     """
     key = hash32((seed * 0x9E3779B9 + link * 0x85EBCA6B) & WORD)
     return (key + patch * PLASTIC[0]) & WORD, (hash32(key ^ 0x2C1B3C6D) + patch * PLASTIC[1]) & WORD
@@ -74,9 +75,9 @@ def _in_part(patch: int, link: int, seed: int) -> tuple[int, int]:
 
 @inline
 def link_cell(patch: int, link: int, seed: int) -> int:
-    """Return the row of `cell_moments`, flattened over strata and cells, for the direction of a patch's ray.
+    """Return the row of `cell_moments`, flattened over strata and cells, of the cell that a patch's ray falls into.
 
-    link : index of the ray, which is also that of its stratum of the hemisphere
+    link : index of the ray, which is also that of its stratum of the hemisphere; seed : of the random numbers
     """
     u, v = _in_part(patch, link, seed)
     return link * CELLS * CELLS + (u * CELLS >> 32) * CELLS + (v * CELLS >> 32)
@@ -89,7 +90,7 @@ def link_direction(normal: Vec3, patch: int, link: int, parts: tuple[int, int], 
     All rays of a patch together are stratified and cosine-distributed.
 
     normal : of the patch; link : index of the ray, below rows times columns
-    parts : (rows, columns) of the strata of the hemisphere
+    parts : (rows, columns) of the strata of the hemisphere; seed : of the random numbers
     """
     rows, columns = parts
     u, v = _in_part(patch, link, seed)

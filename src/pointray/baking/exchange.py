@@ -131,7 +131,7 @@ def _patch_count(scene: Snapshot, settings: BakeSettings) -> int:
 def _probe(
     scene: Snapshot, surfaces: list[BakeSurface], settings: BakeSettings, executor: Executor | None
 ) -> Transport:
-    """Cast few rays from few patches on both sides of all surfaces, to find roughly which sides are lit."""
+    """Return few patches on both sides of all surfaces, with few rays each, to find roughly which sides are lit."""
     sides = [(k, sign) for k in range(len(surfaces)) for sign in ALL_SIDES]
     probe = Transport(scene, _coarse_surfaces(surfaces), sides, settings.seed, settings.threads, executor)
     probe.send(np.arange(len(probe), dtype=np.int32), PROBE_LINKS)

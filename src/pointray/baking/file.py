@@ -101,7 +101,9 @@ def read_light(path: str | os.PathLike[str], scene: Snapshot) -> StoredLight:
 
 
 def _check_scene(about: dict[str, Any], scene: Snapshot) -> Keys:
-    """Return the hashes of the baked scene; raise ValueError if the given scene has another geometry.
+    """Compare a file of baked light with the given scene: return the hashes of the baked scene.
+
+    Raise ValueError if its geometry is another one; other lights and materials are allowed.
 
     about : description at the beginning of the file
     """
@@ -162,7 +164,9 @@ def _models_of(scene: Snapshot) -> list[Model | None]:
 def _take_sides(found: Arrays, instances: int) -> list[tuple[int, int]]:
     """Return the sides of instances with light in a file: (row of the instance, 1 for front or -1 for back).
 
-    They are in increasing order of rows, fronts first; ValueError if not. instances : their number
+    They are in increasing order of rows, fronts first; ValueError if not.
+
+    found : arrays of the file; instances : number of instances of the scene
     """
     sides = take_array(found, "sides", np.int32, (-1, 2))
     rows, signs = sides.astype(np.int64).T
@@ -175,7 +179,7 @@ def _take_sides(found: Arrays, instances: int) -> list[tuple[int, int]]:
 def _take_grids(found: Arrays, count: int) -> list[Grid]:
     """Return the grids in which the light of planes is stored in a file; raise ValueError if one is invalid.
 
-    count : number of planes with light
+    found : arrays of the file; count : number of planes with light
     """
     table = take_array(found, "grids", np.float64, (count, 4))
     half, edge = table[:, 2], table[:, 3]
@@ -200,7 +204,7 @@ class CoarseLight(NamedTuple):
 def _take_coarse(found: Arrays, sides: list[tuple[int, int]], models: list[Model | None]) -> dict[int, CoarseLight]:
     """Return which instances have coarser light in a file, by row of the instance; ValueError if it is damaged.
 
-    sides : (row, sign) of all sides with light; models : of each instance, None for a plane
+    found : arrays of the file; sides : (row, sign) of all sides with light; models : of each instance, None for a plane
     """
     table = take_array(found, "coarse", np.int32, (-1, 4)).astype(np.int64)
     fronts = [row for row, sign in sides if sign > 0 and models[row] is not None]
@@ -220,7 +224,7 @@ def _take_spreads(
     A table has for each block the four records that its splats blend, see `records.SPREAD`; there is one for the model
     and one for each of its levels of detail.
 
-    coarse : instances with coarser light; models : of each instance, None for a plane
+    found : arrays of the file; coarse : instances with coarser light; models : of each instance, None for a plane
     """
     users: dict[int, tuple[Model, int]] = {}
     for row, item in coarse.items():
@@ -245,7 +249,7 @@ def _slots_of(model: Model) -> list[int]:
 
 
 def _parts(array: NDArray[Any], sizes: Mapping[Any, int]) -> Iterator[tuple[Any, NDArray[Any]]]:
-    """Split an array along its first axis into consecutive parts: yield the name and the part for each named size."""
+    """Split an array along its first axis into consecutive parts: yield (key, part) for each key and length in `sizes`."""
     begin = 0
     for name, size in sizes.items():
         yield name, array[begin : begin + size]

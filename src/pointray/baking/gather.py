@@ -107,7 +107,10 @@ class Found(NamedTuple):
 
 @inline
 def _patch_at(world: World, targets: Targets, hit: WorldHit, ray: tuple[Vec3, Vec3]) -> int:
-    """Return PATCHES + the patch that a ray (o, d) hit, on the side that it came from; INSIDE if that side is dark."""
+    """Return PATCHES + the patch that a ray (o, d) hit, on the side that it came from; INSIDE if that side is dark.
+
+    targets : tables that map a hit to a patch
+    """
     row = hit.instance * TARGET
     first = targets.rows[row] if dot(hit.normal, ray[1]) < 0.0 else targets.rows[row + 1]
     if first < 0:
@@ -142,8 +145,10 @@ def _continue_ray(world: World, i: int, key: int, depth: int, scratch: Scratch) 
 def _resolve(world: World, targets: Targets, i: int, depth: int, key: int, scratch: Scratch) -> tuple[int, bool]:
     """Return (source of light that ray i met, whether the ray continues from a mirror or glass instead).
 
-    The source is BLACK, INSIDE, SKY + texel, PATCHES + patch, or ~light. depth : number of earlier mirrors and glass
-    surfaces; key : of the random numbers
+    The source is BLACK, INSIDE, SKY + texel, PATCHES + patch, or ~light.
+
+    targets : tables that map a hit to a patch; depth : number of earlier mirrors and glass surfaces
+    key : of the random numbers
     """
     ray, hit = (load3(scratch.world, sc.ORIGIN + i), load3(scratch.world, sc.DIRECTION + i)), tile_hit(scratch, i)
     if depth > 0:
@@ -163,7 +168,8 @@ def _trace_links(
 ) -> None:
     """Trace the tile's rays through mirrors and glass until each meets a source of light, and store this in `found`.
 
-    tile : first index in `Patches.rows`, number of patches, and side; k : index of the ray among those of its patch
+    targets : tables that map a hit to a patch; k : index of the ray among those of its patch
+    tile : first index in `Patches.rows`, number of patches, and side
     """
     count = rays.parts[0] * rays.parts[1]
     for i in range(sc.TILE):
@@ -204,6 +210,7 @@ def _find_links(
 ) -> None:
     """Send rays from each patch of a tile over its hemisphere, and store what they meet in `found.links`.
 
+    targets : tables that map a hit to a patch
     tile : first index in `patches.rows`, number of patches, and 1 for fronts or -1 for backs
     """
     for k in range(rays.parts[0] * rays.parts[1]):
@@ -275,6 +282,7 @@ def _find_direct(
     """Compute the irradiance of a tile's patches from lights other than sky and emissive surfaces, in `found.direct`.
 
     tile : first index in `patches.rows`, number of patches, and 1 for fronts or -1 for backs
+    rays : gives number and seed of the shadow rays
     """
     points = scratch.shading_points
     for i in range(sc.TILE):
@@ -301,6 +309,7 @@ def _find_suns(
     """Store the cosine of each patch of a tile to each bright spot of the sky in `found.direct`; 0 where occluded.
 
     tile : first index in `patches.rows`, number of patches, and 1 for fronts or -1 for backs
+    rays : gives the directions to the spots
     """
     count = rays.suns.size // 3
     for sun in range(count):

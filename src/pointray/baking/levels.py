@@ -96,9 +96,9 @@ def light_cost(trees: Sequence[Tree], patches: int) -> LightCost:
 
 
 def _bytes_at(shape: LightCost, level: int) -> int:
-    """Return the bytes of the light records of one side of an instance of a model.
+    """Return the bytes of the light records of one side of an instance, without tables that interpolate coarser light.
 
-    level : 0 for a record per splat, k for one per 4^(k - 1) patches
+    shape : its model; level : 0 for a record per splat, k for one per 4^(k - 1) patches
     """
     return 4 * RECORD * (shape.records if level == 0 else padded_count(len(knots_at(level, shape.patches))))
 
@@ -106,7 +106,8 @@ def _bytes_at(shape: LightCost, level: int) -> int:
 def _total(shapes: Sequence[LightCost], wanted: Sequence[LitInstance], levels: Sequence[int]) -> int:
     """Return the bytes of all instances' light, including the tables that interpolate coarser light.
 
-    shapes : models; levels : of each instance's light, 0 for a record per splat, k for one per 4^(k - 1) patches
+    shapes : size of the light of each model; wanted : instances
+    levels : of each instance's light, 0 for a record per splat, k for one per 4^(k - 1) patches
     """
     spreads = {(item.shape, level) for item, level in zip(wanted, levels, strict=True) if level > 0}
     own = sum(item.sides * _bytes_at(shapes[item.shape], level) for item, level in zip(wanted, levels, strict=True))
@@ -118,7 +119,7 @@ def choose_levels(shapes: Sequence[LightCost], wanted: Sequence[LitInstance], bu
 
     All levels are coarsened together; then those of the smallest instances are refined while there is room.
 
-    shapes : models; wanted : instances; budget : bytes
+    shapes : size of the light of each model; wanted : instances; budget : bytes
 
     Returns
     -------
@@ -152,7 +153,8 @@ def _refine_levels(
 ) -> list[int]:
     """Make the light of instances finer where the budget has room, level by level, the smallest instances first.
 
-    shapes : models; wanted : instances; levels : of each instance's light, changed in place; budget : bytes
+    shapes : size of the light of each model; wanted : instances; budget : bytes
+    levels : of each instance's light, 0 for a record per splat, k for one per 4^(k - 1) patches; changed in place
 
     Returns
     -------

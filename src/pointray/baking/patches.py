@@ -30,7 +30,9 @@ Rows = NDArray[np.int32]
 
 
 class Blend(NamedTuple):
-    """Interpolation of the light of patches to the splats of a tree, in its order, unused slots included.
+    """Interpolation of light from patches (splats that exchange light on behalf of others) to the splats of a tree.
+
+    Splats are in the tree's order, unused slots of blocks included.
 
     patch_of : (slots,) int32, the patch that represents each splat; 0 in an unused slot
     around : (slots / BLOCK_SPLATS, AROUND) int32, the patches blended for the splats of a block
@@ -60,7 +62,7 @@ class PatchSet(NamedTuple):
 
 
 def splats_of(tree: Tree) -> tuple[Floats, Floats, Floats]:
-    """Return positions (n, 3), normals (n, 3) and support radii (n,) of a tree's splats, in its order.
+    """Return positions (n, 3), normals (n, 3) and support radii (n,) of a tree's splats, in its order, float32.
 
     Unused slots at the end of blocks have positions beyond FAR.
     """
@@ -132,6 +134,7 @@ def nearest_blend(
     """Reduce an interpolation to the `count` most important patches of each block; they include that of each splat.
 
     x, n : positions and normals of the splats, (slots, 3); patches : positions and normals of the patches, (m, 3)
+    blend : the interpolation, from AROUND patches for each block
 
     Returns
     -------
@@ -155,7 +158,8 @@ def nearest_blend(
 def _facing(splats: tuple[Floats, Floats], finder: NeighborTree, blocks: NDArray[np.int64], normals: Floats) -> Rows:
     """Find the nearest patches that face the same way as splats, for blocks where the closest ones do not.
 
-    splats : positions and normals, (slots, 3); blocks : (m,) their numbers; normals : of the patches
+    splats : positions and normals, (slots, 3); finder, normals : search tree and normals of the patches
+    blocks : (m,) the blocks
 
     Returns
     -------

@@ -154,6 +154,9 @@ def at_points(model: Model, values: Floats) -> Floats:
 
 
 def choose_unit(arrived: ArrivingLight) -> float:
-    """Return the irradiance in W/m2 that 1.0 in a light record stands for, so that the brightest light is BRIGHTEST."""
+    """Return the irradiance in W/m2 of 1.0 in a light record, so that the brightest light is stored as BRIGHTEST.
+
+    arrived : light at all patches
+    """
     most = max(float(arrived.indirect.max(initial=0.0)), float(arrived.direct.max(initial=0.0)))
     return most / BRIGHTEST if most > 0.0 else 1.0

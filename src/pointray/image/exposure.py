@@ -85,7 +85,8 @@ def white_under(lights: Iterable[Any], integrator: str = "phong") -> float | Non
     ----------
     lights : iterable of Light and EnvironmentLight
     integrator : str
-        Name of the integrator; "ao" and "phong" show scenes without lights in a light of their own.
+        Name of the integrator. "ao" has a uniform white sky in place of the lights, "phong" a headlight if there are no
+        lights.
 
     Returns
     -------

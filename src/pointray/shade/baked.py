@@ -170,7 +170,8 @@ def _find_four(world: World, four: Four, first: bool, scratch: Scratch) -> None:
 
     The result is in rows ARRIVING of the scratch.
 
-    four : rays of the tile, which may repeat the first; first : whether these are the camera's first hits
+    four : rays of the tile, which may repeat the first
+    first : whether these are the camera's first hits; if so, only indirect light is looked up
     """
     instance, points = scratch.numbers[sc.INSTANCE_OF + four[0]], scratch.shading_points
     records = _records(world, instance, points[sc.SHADING_SIDE + four[0]])

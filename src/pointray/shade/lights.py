@@ -12,7 +12,7 @@ from ..engine.kernels import records as rec
 
 
 def length_of(value: float, name: str) -> float:
-    """Return a length given by the caller as float; raise an error with its name unless it is positive and finite."""
+    """Return the value of a length parameter as float; raise an error with its name unless it is positive and finite."""
     return check_number(value, name, "a positive length", lambda x: LEAST_LENGTH < x < np.inf)
 
 

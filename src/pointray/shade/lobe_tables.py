@@ -48,6 +48,7 @@ def phong_lobes(w: Floats, cosine: Floats, exponent: float) -> Floats:
     """Evaluate Phong's lobe times the cosine to the normal, (n, k), for n light directions and k mirrored directions.
 
     w : (n, 3), unit light directions, z along the normal; cosine : (k,), of the mirrored directions to the normal
+    exponent : of the lobe
     """
     along = w[:, :1] * np.sqrt(1.0 - cosine**2) + w[:, 2:] * cosine
     lobe = np.where(along > 0.0, np.abs(along) ** exponent, 0.0)
@@ -116,7 +117,7 @@ class _Estimate:
             self._with_each.append(of_field @ weighted.T + np.diag(uncertain))
 
     def __call__(self, lobes: Floats, colors: bool) -> list[Floats]:
-        """Return coefficients by which harmonics of the arriving light yield an estimate of what each of k lobes reflects.
+        """Return the coefficients of harmonics of arriving light that estimate, as a sum, what each of k lobes reflects.
 
         lobes : (n, k), lobes at the quadrature directions, times their weights
         colors : use bands 0 and 1 only, all that is known of red and blue; else also band 2

@@ -142,7 +142,7 @@ def _smith(alpha: float, cosine: float) -> float:
 def _facets(alpha: float, cosine: float, cos_o: float, half: float) -> tuple[float, float]:
     """Evaluate GGX facets without Fresnel: return (D G2 / (4 cosine cos_o) times cosine, pdf by visible normals).
 
-    cosine, cos_o, half : cosines of light, eye and half vector to the surface normal
+    alpha : roughness; cosine, cos_o, half : cosines of light, eye and half vector to the surface normal
     """
     spread = 1.0 + (alpha * alpha - 1.0) * half * half
     facets = alpha * alpha / (math.pi * spread * spread)
