@@ -117,7 +117,7 @@ class Baked:
 
     @property
     def stale(self) -> str | None:
-        """Reason why the light no longer fits the scene, or None if it fits."""
+        """Reason why the light no longer fits the scene, as text that says what has changed; None if it fits."""
         return self._stale(self._scene.snapshot())
 
     def _stale(self, snapshot: Snapshot) -> str | None:

@@ -265,7 +265,8 @@ def _is_blocked_by_lamp(world: World, patches: Patches, patch: int, d: Vec3, lin
 def hide_links(work: Array, world: World, links: Links, patches: Patches) -> int:
     """Mark in `links.hidden` the links (rays from patches to sources of light) that an area light blocks.
 
-    Area lights are ignored when links are found, so that these can be reused when lights change.
+    Area lights that are not seen in mirrors are ignored when links are found, so that these can be reused when lights
+    change.
     """
     world, links, patches = borrow(world), borrow(links), borrow(patches)
     count = links.parts[0] * links.parts[1]

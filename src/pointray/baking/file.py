@@ -249,7 +249,7 @@ def _slots_of(model: Model) -> list[int]:
 
 
 def _parts(array: NDArray[Any], sizes: Mapping[Any, int]) -> Iterator[tuple[Any, NDArray[Any]]]:
-    """Split an array along its first axis into consecutive parts: yield (key, part) for each key and length in `sizes`."""
+    """Split an array along its first axis: yield (key, part) for each key and length in `sizes`, in order."""
     begin = 0
     for name, size in sizes.items():
         yield name, array[begin : begin + size]

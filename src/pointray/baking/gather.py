@@ -145,7 +145,7 @@ def _continue_ray(world: World, i: int, key: int, depth: int, scratch: Scratch) 
 def _resolve(world: World, targets: Targets, i: int, depth: int, key: int, scratch: Scratch) -> tuple[int, bool]:
     """Return (source of light that ray i met, whether the ray continues from a mirror or glass instead).
 
-    The source is BLACK, INSIDE, SKY + texel, PATCHES + patch, or ~light.
+    The source is BLACK, INSIDE (a dark side), SKY + texel, PATCHES + patch, or ~light, negative.
 
     targets : tables that map a hit to a patch; depth : number of earlier mirrors and glass surfaces
     key : of the random numbers

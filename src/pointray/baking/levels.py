@@ -208,13 +208,13 @@ def _spread_over(
 ) -> Ints:
     """Return for each block of splats the four knots from which light is interpolated, and the splats' weights.
 
-    x, n : positions and normals of the splats, (slots, 3); finder, positions, normals : of the knots, where light is
-        stored
+    x, n : positions and normals of the splats, (slots, 3)
+    finder, positions, normals : search tree, positions and normals of the knots, the patches where light is stored
 
     Returns
     -------
     (blocks * SPREAD,) int32
-        See `records.SPREAD`.
+        For each block four knots, then for each of its four splats the weights of these in 255ths, a byte each.
     """
     blend = blend_for(x, n, finder, positions, normals)
     knots, weights = nearest_blend(x, n, blend, (positions, normals), KNOTS)
@@ -255,7 +255,8 @@ def blend_over_splats(blocks: Ints, values: NDArray[np.float32]) -> NDArray[np.f
 def is_valid_spread(blocks: Ints, count: int) -> bool:
     """Return whether an interpolation table from a file is safe for kernels: valid indices, weights of sum 255.
 
-    blocks : (blocks * SPREAD,), see `records.SPREAD`; count : number of light records
+    blocks : (blocks * SPREAD,), for each block four indices of records, and their weights for each splat
+    count : number of light records
     """
     table = blocks.reshape(-1, SPREAD)
     knots = table[:, SPREAD_RECORDS : SPREAD_RECORDS + KNOTS]

@@ -41,7 +41,7 @@ class ArrivingLight(NamedTuple):
 
 
 def lamp_radiances(world: World) -> NDArray[np.float64]:
-    """Return the radiance of each area light, (lights, 3) RGB; black for other lights, which rays cannot hit."""
+    """Return the radiance of each area light, (lights, 3) RGB; black for other lights."""
     records = world.lights.reshape(-1, rec.LIGHT)
     seen = np.isin(records[:, rec.LIGHT_KIND], (rec.RECT_LIGHT, rec.DISK_LIGHT, rec.SPHERE_LIGHT))
     return np.where(seen[:, None], records[:, rec.LIGHT_POWER : rec.LIGHT_POWER + 3], 0.0)

@@ -86,7 +86,7 @@ def find_surfaces(
 
 
 def _margins(noise: NDArray[np.float32], patches: PatchSet) -> NDArray[np.float32]:
-    """Return the noise that denoising removed at each patch, (m,) in model units: rays start that far off it.
+    """Return the noise that denoising removed at each patch, (m,) in model units, by which its rays are offset.
 
     noise : (blocks,), standard deviation; empty if the points were not denoised
     """

@@ -47,7 +47,7 @@ class Frames:
         return self.pattern.with_name(self.pattern.name % k)
 
     def find(self) -> tuple[list[int], list[str]]:
-        """Find out from the note of an earlier run which frames are finished.
+        """Find out from the JSON note of an earlier, interrupted run which frames are finished.
 
         Returns
         -------

@@ -205,7 +205,7 @@ def _find_four(world: World, four: Four, first: bool, scratch: Scratch) -> None:
 
 @inline
 def _same_side(points: Array, i: int, k: int) -> int:
-    """Return k if hits k and i are on the same side of the surface, else i; light of both is looked up together then.
+    """Return k if hits k and i are on the same side of the surface, so that their light is looked up together, else i.
 
     points : rows of surface points of the tile, with SHADING_SIDE
     """

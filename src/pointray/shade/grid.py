@@ -20,7 +20,7 @@ Frames = tuple[float, float, float, float]
 
 @inline
 def to_grid(x: float) -> float:
-    """Map a plane coordinate, in units of half the scene's width, to a position in the light's grid, -1 to 1."""
+    """Map a plane coordinate, in units of half the scene's width, to a position in its light's grid, -1 to 1."""
     return x / (1.0 + abs(x))
 
 

@@ -12,7 +12,7 @@ from ..engine.kernels import records as rec
 
 
 def length_of(value: float, name: str) -> float:
-    """Return the value of a length parameter as float; raise an error with its name unless it is positive and finite."""
+    """Validate a length given as a parameter: return it as float; raise an error unless it is positive and finite."""
     return check_number(value, name, "a positive length", lambda x: LEAST_LENGTH < x < np.inf)
 
 

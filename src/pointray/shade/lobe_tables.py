@@ -117,7 +117,7 @@ class _Estimate:
             self._with_each.append(of_field @ weighted.T + np.diag(uncertain))
 
     def __call__(self, lobes: Floats, colors: bool) -> list[Floats]:
-        """Return the coefficients of harmonics of arriving light that estimate, as a sum, what each of k lobes reflects.
+        """Return the coefficients of harmonics of arriving light whose sum estimates what each of k lobes reflects.
 
         lobes : (n, k), lobes at the quadrature directions, times their weights
         colors : use bands 0 and 1 only, all that is known of red and blue; else also band 2

@@ -11,7 +11,7 @@ from ..base.extras import require
 
 
 def read_picture(path: str | os.PathLike[str]) -> NDArray[np.float32]:
-    """Read the pixels of an environment image, Radiance .hdr or .exr: linear, without change of their values.
+    """Read the linear pixels of an environment image, such as a Radiance .hdr or an OpenEXR file.
 
     Returns
     -------
