@@ -55,7 +55,7 @@ class LightCost(NamedTuple):
 
 
 class LitInstance(NamedTuple):
-    """Instance of a model whose light is stored. shape : index of the model; sides : number of lit sides, 1 or 2"""
+    """Instance of a model for which memory for light is planned. shape : index of the model; sides : lit sides, 1 or 2"""
 
     shape: int
     sides: int
@@ -143,7 +143,7 @@ def choose_levels(shapes: Sequence[LightCost], wanted: Sequence[LitInstance], bu
 def _cheapest_level(shape: LightCost, sides: int, most: int) -> int:
     """Return the level, 0 to `most`, at which a model's instances take the least memory; the finest on a tie.
 
-    sides : number of lit sides of all these instances
+    shape : size of the model's light; sides : number of lit sides of all its instances
     """
     return min(range(most + 1), key=lambda level: sides * _bytes_at(shape, level) + (shape.spread if level else 0))
 

@@ -53,9 +53,9 @@ class BakeSurface(NamedTuple):
 def find_surfaces(
     scene: Snapshot, most: int, albedo_scale: float, progress: Progress | None = None
 ) -> list[BakeSurface]:
-    """Divide all instances of a scene into about `most` patches, with position, normal, albedo and emission.
+    """Divide the models of a scene into about `most` patches, and its planes into about half as many.
 
-    albedo_scale : factor for the colours of points
+    albedo_scale : factor for the colours of points in the albedo of patches
     """
     world = scene.world
     records = world.instances.reshape(-1, rec.INSTANCE)
