@@ -184,8 +184,8 @@ class Baked:
     def update(self, progress: StageProgress | None = None) -> None:
         """Bake again after a change of lights, sky, materials, colours or levels of detail.
 
-        The links are reused: which surfaces and parts of the sky illuminate each patch of the scene. They are found again,
-        which takes as long as `bake`, for light from a file, and if other sides of instances receive light than before.
+        The links are reused: which surfaces and parts of the sky illuminate each patch of the scene. They are found
+        again, which takes as long as `bake`, for light from a file, and if other sides of instances receive light now.
 
         Parameters
         ----------

@@ -55,7 +55,10 @@ class LightCost(NamedTuple):
 
 
 class LitInstance(NamedTuple):
-    """Instance of a model for which memory for light is planned. shape : index of the model; sides : lit sides, 1 or 2"""
+    """Instance of a model, for which memory for light is planned.
+
+    shape : index of the model; sides : number of sides that receive light, 1 or 2
+    """
 
     shape: int
     sides: int
