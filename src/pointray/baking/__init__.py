@@ -1,6 +1,6 @@
 """Baked global illumination: the light that arrives at the splats and planes of a scene after all bounces.
 
-surfaces : the sides of instances, cut into patches (patches.py for models, planes.py for planes)
+surfaces : patches of all instances (patches: splats of models; planes: cells of planes); reflectance : their albedo
 transport, gather : links from each patch to what it receives light from; directions : directions of the link rays;
     tile_ranges : link rays on the workers of a cluster
 solve, bounces : irradiance of the patches; sky : texels of the sky and its bright spots; smooth : noise reduction

@@ -35,7 +35,7 @@ Floats = NDArray[np.float32]
 
 
 class StaleLightWarning(UserWarning):
-    """Warning that baked light no longer fits its scene, see `Baked.stale`.
+    """Warning that a scene is rendered with baked light that no longer fits it, because something in it has changed.
 
     Examples
     --------
@@ -46,6 +46,8 @@ class StaleLightWarning(UserWarning):
 
 class Baked:
     """Light that arrives at every splat and plane of a scene, as computed by `bake`.
+
+    Assign it to `Scene.baked` to render with it: the integrator "baked" looks up light of the sky and of surfaces.
 
     Examples
     --------
@@ -73,7 +75,10 @@ class Baked:
         report_progress(progress, 1.0)
 
     def _write(self, snapshot: Snapshot) -> None:
-        """Write the records that rendering reads."""
+        """Encode the light for rendering in records of 16 bytes per splat or cell of a plane, and keep them.
+
+        Warn if no light arrives anywhere.
+        """
         exchange, arrived = self._exchange, self._exchange.arrived
         if not arrived.direct.any() and not arrived.indirect.any():
             warn("the scene has no light: the baked light is black", stacklevel=5)
@@ -91,7 +96,11 @@ class Baked:
     def _set_light(
         self, snapshot: Snapshot, lights: bytes, kept: LightTables, stored: StoredLight | None = None
     ) -> None:
-        """Store the light, the scene it belongs to and, for light from a file, the contents of the file."""
+        """Store the light with the scene that it belongs to, and reset the cached answer of whether it still fits.
+
+        lights : hash of lights and materials, see `light_key`; kept : the light that rendering reads
+        stored : contents of the file, for light from a file
+        """
         self._baked_scene, self._lights = snapshot._replace(baked=None), lights
         self._kept, self._stored = kept, stored
         self._checked: World | None = None  # not the snapshot, which may refer to this object: a cycle
@@ -100,7 +109,7 @@ class Baked:
 
     @property
     def stale(self) -> str | None:
-        """Reason why the light no longer fits the scene, or None if it fits."""
+        """Reason why the light no longer fits the scene, as text that says what has changed; None if it fits."""
         return self._stale(self._scene.snapshot())
 
     def _stale(self, snapshot: Snapshot) -> str | None:
@@ -119,7 +128,7 @@ class Baked:
         return reason
 
     def fits(self, scene: Scene) -> bool:
-        """Return whether the light fits a scene.
+        """Return whether the light fits a scene: nothing that it depends on has changed since the bake.
 
         Parameters
         ----------
@@ -142,7 +151,7 @@ class Baked:
         return self._stale(scene.snapshot()) is None
 
     def lacks_levels(self, scene: Scene) -> bool:
-        """Return whether the light fits a scene except for levels of detail added after the bake; they render black.
+        """Return whether the light fits a scene, except that levels of detail added after the bake render black.
 
         Parameters
         ----------
@@ -165,9 +174,10 @@ class Baked:
         return self._stale(scene.snapshot()) == NO_LEVELS
 
     def update(self, progress: StageProgress | None = None) -> None:
-        """Bake again after a change of lights, sky, materials, colours or levels of detail, reusing the links.
+        """Bake again after a change of lights, sky, materials, colours or levels of detail.
 
-        Light from a file has no links: they are found again, which takes as long as `bake`.
+        The links are reused: which surfaces and parts of the sky illuminate each patch of the scene. They are found
+        again, which takes as long as `bake`, for light from a file, and if other sides of instances receive light now.
 
         Parameters
         ----------
@@ -209,7 +219,8 @@ class Baked:
     def relit(self, scene: Scene) -> Baked | None:
         """Return the light of another scene with the same models, planes and clip planes.
 
-        This object is not changed. Both share their links.
+        Lights, sky, materials and colours may differ. This object is not changed. Both share their links: which
+        surfaces and parts of the sky illuminate each patch of the scene.
 
         Parameters
         ----------
@@ -241,9 +252,17 @@ class Baked:
         return twin
 
     def tables(self, scene: Snapshot, levels: NDArray[np.int64]) -> tuple[Array, Array]:
-        """Return the tables that kernels read, see `records.BAKED`; warn once if the light is stale.
+        """Return the arrays through which kernels read the light; warn once if the light no longer fits the scene.
 
         levels : (instances,), the level of detail that each instance shows
+
+        Returns
+        -------
+        (instances * 5,) int64
+            For each instance the addresses and lengths of its tables, see `records.BAKED`; valid while this array
+            exists.
+        (instances * 5,) float64
+            For each instance the grid of a plane, and the unit of the stored irradiance, see `records.BAKED_FRAME`.
         """
         reason = self._stale(scene)
         if reason == NO_LEVELS and not levels.any():
@@ -270,7 +289,7 @@ class Baked:
         Returns
         -------
         (n, 3) float32
-            In W/m2 of the lights' units; NaN at points without a splat.
+            In W/m2; NaN at points without a splat.
 
         Raises
         ------
@@ -293,18 +312,20 @@ class Baked:
 
         Parameters
         ----------
-        id, side
-            As for `irradiance`.
+        id : int
+            Number of an instance of a model, as returned by `Scene.add`.
+        side : {1, -1}
+            1 for the front, to which the normals point; -1 for the back.
 
         Returns
         -------
         (n, 3) float32
-            In W/m2 of the lights' units; NaN at points without a splat.
+            In W/m2; NaN at points without a splat.
 
         Raises
         ------
         ValueError
-            As for `irradiance`.
+            If `id` is not an instance of a model, or `side` is neither 1 nor -1.
 
         Examples
         --------
@@ -347,7 +368,13 @@ class Baked:
         return self._at_points(id, 1, lambda at: at.sky)
 
     def _at_points(self, id: int, sign: int, values_of: Callable[[SplatLight], Floats]) -> Floats:
-        """Return values at the points of an instance's model, in the model's order; 0 on a black back side."""
+        """Compute values from the light on one side of an instance, at its model's points, in their order.
+
+        NaN at points without a splat; 0 on a back side that was not baked, being nearly dark.
+
+        sign : 1 for the front, -1 for the back; values_of : computes (n, ...) values from the light at the model's n
+            splats
+        """
         if sign not in ALL_SIDES:
             raise wrong("side", "1 (front) or -1 (back)", sign)
         front = self._kept.records.get((id, 1, 0)) if isinstance(id, int | np.integer) else None
@@ -368,7 +395,9 @@ class Baked:
         return store.at_points(model, values_of(at))
 
     def save(self, path: str | os.PathLike[str], progress: StageProgress | None = None) -> None:
-        """Write the light to a file that `load` maps. It holds what rendering and exports need, without the links.
+        """Write the light to a file, which `Baked.load` reads.
+
+        It holds what rendering and exports need, but not the links between patches of the scene, which `update` reuses.
 
         Parameters
         ----------
@@ -401,7 +430,7 @@ class Baked:
         write_light(path, self._stored or self._store(), in_stage(progress, "writing") or (lambda share: None))
 
     def _store(self) -> StoredLight:
-        """Return the contents of a file."""
+        """Return the light and hashes of the baked scene for a file; ValueError if levels of detail were added."""
         if geometry_key(self._baked_scene) != self._shape:
             raise ValueError("the light cannot be saved: levels of detail were added after the bake: bake again")
         skies = store.sky_visibility(self._exchange.sides, self._exchange.arrived, self._exchange.spreads)
@@ -455,20 +484,22 @@ class Baked:
 
     @property
     def nbytes(self) -> int:
-        """Size in bytes of the light that rendering reads."""
+        """Size in bytes of the light that rendering reads, in memory or in a mapped file."""
         return self._kept.nbytes
 
     @property
     def levels(self) -> dict[int, int]:
-        """Level of the light of each instance of a model: 0 is a record per splat, k is a record per 4^(k - 1) patches.
+        """Coarseness of the light of each instance of a model, by instance number.
 
-        Coarser light is used where records for all splats would not fit into `BakeSettings.memory`.
+        Light is stored in records of 16 bytes. Level 0 has a record for each splat, level k one for every 4^(k - 1)
+        patches, between which splats interpolate. Coarser light is used where records for all splats would not fit into
+        `BakeSettings.memory`.
         """
         return dict(self._kept.levels)
 
     @property
     def coarser(self) -> str:
-        """Description of how coarse the light is, see `levels`; empty if each splat has its own record."""
+        """Text that says how many instances have less than one light record per splat; empty if none have."""
         return describe_coarseness(self._kept.levels)
 
     def __repr__(self) -> str:
@@ -506,9 +537,10 @@ def bake(
 
     Notes
     -----
-    Patches, a subset of the splats, send rays into the hemisphere. What these hit are links, over which light bounces
-    until it converges (radiosity, Goral et al. 1984, with links as in Hanrahan, Salzman and Aupperle 1991, found by
-    ray tracing). Mirrors and glass are followed; other surfaces reflect light like Lambertian ones of the same albedo.
+    Patches, a subset of the splats and cells of planes, send rays into the hemisphere. Each ray links its patch to
+    the patch or part of the sky that it hits. Light bounces along these links until it converges (radiosity, Goral et
+    al. 1984, with links as in Hanrahan, Salzman and Aupperle 1991, found by ray tracing). Mirrors and glass are
+    followed; other surfaces reflect light like Lambertian ones of the same albedo.
     Lights attached to the camera are not baked. A back side that is nearly dark is treated as black.
 
     References

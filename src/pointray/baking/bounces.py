@@ -33,11 +33,14 @@ RED_SUM, BLUE_SUM, SUMS = 9, 12, 15
 
 
 class Links(NamedTuple):
-    """Links of some patches.
+    """Links of some patches: rays cast into a patch's hemisphere, and for each the source of light that it met.
 
-    links, tints : see `gather.Found`; parts, seed : determine the link directions
-    rows : (m,) int32, the patches; share : (m,) float32, these links as a fraction of all links of a patch
-    hidden : (m * bytes_of(links),) uint8, a bit for each link that a lamp blocks; length 0 if there are no lamps
+    links : (m * count,) int32, for each of a patch's rays the row of a table of sources (darkness, texels of the sky,
+        patches); ~light, negative, for a light seen in a mirror or through glass
+    tints : same shape, RGB9E5 colour of mirrors and glass on the way; empty in scenes without these
+    rows : (m,) int32, the patches; share : (m,) float32, `count` as a fraction of all links of a patch, found in rounds
+    hidden : (m * bytes_of(count),) uint8, a bit for each link that an area light blocks; empty without area lights
+    parts : (rows, columns) of the strata of the hemisphere, one for each link; seed : of the ray directions
     """
 
     links: Array
@@ -51,13 +54,16 @@ class Links(NamedTuple):
 
 @inline
 def bytes_of(links: int) -> int:
-    """Return the number of bytes that hold one bit per link."""
+    """Return the bytes of a bit mask with one bit for each of a patch's links, its rays to sources of light."""
     return (links + 7) // 8
 
 
 @inline
 def _is_hidden(links: Links, m: int, k: int) -> bool:
-    """Return whether a lamp blocks link k of row m."""
+    """Return whether an area light blocks a link (a ray from a patch to a source of light), so that it brings no light.
+
+    m, k : index of the patch in `links.rows`; index of the link among those of the patch
+    """
     if links.hidden.size == 0:
         return False
     at = m * bytes_of(links.parts[0] * links.parts[1]) + k // 8
@@ -66,7 +72,14 @@ def _is_hidden(links: Links, m: int, k: int) -> bool:
 
 @inline
 def _radiance(links: Links, at: int, sources: Array, lamps: Array) -> Vec3:
-    """Return the radiance that arrives along a link. lamps : (lights * 3,) float64"""
+    """Return the RGB radiance that arrives along a link (a ray from a patch to a source of light).
+
+    It is tinted by mirrors and glass on the way.
+
+    at : index of the link in `links.links`
+    sources : flat float32, PER_SOURCE numbers for each texel of the sky and each patch: their radiance
+    lamps : (lights * 3,) float64, radiance of the lights, for links that lead to one through a mirror or glass
+    """
     link = i64(links.links[at])
     if link >= 0:
         k = PER_SOURCE * link
@@ -80,9 +93,13 @@ def _radiance(links: Links, at: int, sources: Array, lamps: Array) -> Vec3:
 
 @kernel
 def add_irradiance(work: Array, links: Links, sources: Array, lamps: Array, every: int, out: Array) -> int:
-    """Add the light of these links, or of a subset, to the irradiance of the patches, (patches * 3,) float32.
+    """Add what arrives along links (rays from patches to sources of light) to the irradiance of their patches.
 
+    It is pi times the mean radiance of a patch's links, as these are cosine-distributed.
+
+    sources, lamps : flat, radiance of sky texels and patches, and of lights
     every : follow one link in `every`; neighbouring patches follow different ones
+    out : (patches * 3,) float32, irradiance
     """
     links, sources, lamps, out = borrow(links), borrow(sources), borrow(lamps), borrow(out)
     rows, columns = links.parts
@@ -108,11 +125,13 @@ def add_irradiance(work: Array, links: Links, sources: Array, lamps: Array, ever
 def reflect(
     work: Array, arriving: tuple[Array, Array], surface: tuple[Array, Array], sources: Array, changes: Array
 ) -> int:
-    """Write the radiance that patches emit and reflect to `sources`.
+    """Write the radiance that each patch emits and reflects: emission + albedo / pi * irradiance.
 
     arriving : irradiance from lights, and along links; surface : albedo, and emitted radiance; all (patches * 3,)
         float32
-    changes : (chunks * 2,) float64, the change of radiance summed over each chunk, and the radiance itself
+    sources : flat float32, PER_SOURCE numbers for each texel of the sky and each patch; the patches' radiance is
+        written
+    changes : (chunks * 2,) float64, summed over CHUNK patches: the absolute change of radiance, and the radiance itself
     """
     direct, indirect = borrow(arriving)
     albedo, emitted = borrow(surface)
@@ -134,7 +153,11 @@ def reflect(
 
 @inline
 def _add_moments(light: Vec3, moments: Array, at: int, sums: Array) -> None:
-    """Add light times MOMENTS numbers, which start at `at`, to `sums`, (SUMS,)."""
+    """Add light from one direction to a patch's sums of light times products of direction components.
+
+    light : RGB; moments : nine such products from index `at`, see `cell_moments`
+    sums : (SUMS,), nine of luminance, then the first three of red and of blue
+    """
     gray = vec.luminance(light)
     for b in range(MOMENTS):
         sums[b] += gray * moments[at + b]
@@ -145,7 +168,11 @@ def _add_moments(light: Vec3, moments: Array, at: int, sums: Array) -> None:
 
 @inline
 def _write_moments(sums: Array, normal: Vec3, scaled: float, out: Array, at: int) -> None:
-    """Add the spherical harmonics of `sums` in the frame of a normal, times a factor, to the values of a patch."""
+    """Add the spherical harmonics (bands 1 and 2) of a patch's light, in world space, to its values at out[at:].
+
+    sums : (SUMS,), light times products of direction components in the frame of the normal, see `_add_moments`
+    scaled : factor
+    """
     first, second = vec.tangents(normal)
     frame = first, second, normal
     gray = band_1(vec.turned(vec.load3_flat(sums, 0), frame))
@@ -165,12 +192,15 @@ def _write_moments(sums: Array, normal: Vec3, scaled: float, out: Array, at: int
 def add_facts(
     work: Array, links: Links, patches: Patches, sources: Array, lamps: Array, moments: Array, out: Array
 ) -> int:
-    """Add what these links contribute to the per-patch values, (patches * FACTS,) float32.
+    """Add the contribution of links (rays from patches to sources of light) to all values of patches but irradiance.
 
-    The moments of uniform light are computed from the same links, so uniform light has no noise. All sums are taken in
-    the frame of the normal with tabulated moments: recomputing each direction took half of the time of all bounces.
+    These are spherical harmonics of the arriving light minus those of uniform light, the fraction of links that lead to
+    the sky, and the variance of the irradiance. The harmonics of uniform light are computed from the same links, so
+    uniform light has no noise. All sums are taken in the frame of the normal with tabulated products of direction
+    components: recomputing each direction took half of the time of all bounces.
 
-    moments : flat float64, see `directions.cell_moments`
+    sources, lamps : flat, radiance of sky texels and patches, and of lights
+    moments : flat float64, see `directions.cell_moments`; out : (patches * FACTS,) float32
     """
     links, patches = borrow(links), borrow(patches)
     sources, lamps, moments, out = borrow(sources), borrow(lamps), borrow(moments), borrow(out)
@@ -207,7 +237,10 @@ def add_facts(
 
 @inline
 def _is_blocked_by_lamp(world: World, patches: Patches, patch: int, d: Vec3, link: int) -> bool:
-    """Return whether a lamp blocks a patch's link in direction d."""
+    """Return whether an area light lies on the ray from a patch in direction d, before the source of light that it met.
+
+    link : row of that source: below PATCHES a texel of the sky or darkness, else a patch, PATCHES + its index
+    """
     x, end = vec.load3_flat(patches.positions, 3 * patch), np.inf
     if link >= PATCHES:  # the ray met the plane of that patch, not its centre
         normal = normal_of(patches, link - PATCHES)
@@ -218,7 +251,11 @@ def _is_blocked_by_lamp(world: World, patches: Patches, patch: int, d: Vec3, lin
 
 @kernel
 def hide_links(work: Array, world: World, links: Links, patches: Patches) -> int:
-    """Write the bits of `Links.hidden`, for links that a lamp blocks."""
+    """Mark in `links.hidden` the links (rays from patches to sources of light) that an area light blocks.
+
+    Area lights that are not seen in mirrors are ignored when links are found, so that these can be reused when lights
+    change.
+    """
     world, links, patches = borrow(world), borrow(links), borrow(patches)
     count = links.parts[0] * links.parts[1]
     chunk = next_tile(work)

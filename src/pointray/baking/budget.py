@@ -20,9 +20,16 @@ SHARE = 0.5  # fraction of available memory that the light may take by default
 def spreads_within(
     scene: Snapshot, sides: Sequence[Side], memory: int | None
 ) -> tuple[dict[int, int], dict[int, Spread]]:
-    """Return the light level of each instance of a model, by its number, and the spreads of instances above level 0.
+    """Choose how coarse the light of each instance must be to fit into memory, and how splats interpolate it.
 
-    sides : all lit sides; memory : bytes for the light, None for SHARE of the available memory
+    sides : all lit sides of instances; memory : bytes for the light, None for a fraction SHARE of the available memory
+
+    Returns
+    -------
+    dict of int
+        By instance number, for instances of models: 0 for a light record per splat, k for one per 4^(k - 1) patches.
+    dict of Spread
+        By instance number, for instances above level 0: from which records each splat's light is interpolated.
 
     Raises
     ------
@@ -60,7 +67,17 @@ def _budget(memory: int | None) -> int:
 
 
 def _models_of(scene: Snapshot, sides: Sequence[Side]) -> tuple[dict[int, int], dict[int, PatchSet], Counter[int]]:
-    """Return the model row of each instance, the patches of each model, and the number of lit sides per instance."""
+    """Find the models that receive light.
+
+    Returns
+    -------
+    dict of int
+        Index in `scene.models` of the model of each instance, by the instance's row.
+    dict of PatchSet
+        The patches of each model, by its index.
+    Counter
+        Number of lit sides, 1 or 2, of each instance, by its row.
+    """
     records = scene.world.instances.reshape(-1, INSTANCE)
     rows: dict[int, int] = {}
     patches: dict[int, PatchSet] = {}
@@ -75,19 +92,22 @@ def _models_of(scene: Snapshot, sides: Sequence[Side]) -> tuple[dict[int, int], 
 
 
 def _trees_of(scene: Snapshot, row: int) -> list[Tree]:
-    """Return the tree of a model and those of its levels of detail."""
+    """Return the tree of model `row` of a scene and those of its levels of detail."""
     model = scene.models[row]
     return [model.tree, *(level.tree for level in model.levels)]
 
 
 def count_trees(side: Side) -> int:
-    """Return the number of trees with records for a side: the model and its levels of detail, or 1 for a plane."""
+    """Return how many trees need light for a side of an instance: model and levels of detail, or 1 for a plane."""
     patches = side.surface.patches
     return 1 if isinstance(patches, Grid) else len(patches.blends)
 
 
 def describe_coarseness(levels: Mapping[int, int]) -> str:
-    """Describe how coarse the light is; empty if each splat has its own record. levels : see `LightTables.levels`"""
+    """Return text that says how many instances have less than one light record per splat; empty if none have.
+
+    levels : by instance number, 0 for a record per splat, k for one per 4^(k - 1) patches
+    """
     counts = Counter(level for level in levels.values() if level > 0)
     if not counts:
         return ""

@@ -28,7 +28,10 @@ WORD, TO_ONE = 0xFFFFFFFF, 2.0**-32
 
 
 def strata(links: int) -> tuple[int, int]:
-    """Return (rows, columns) of the parts of a hemisphere, as nearly square as the number of links allows."""
+    """Return (rows, columns) of the strata of a hemisphere for stratified sampling, as nearly square as possible.
+
+    links : number of rays, one for each stratum
+    """
     rows = math.isqrt(links)
     while links % rows:
         rows -= 1
@@ -37,7 +40,12 @@ def strata(links: int) -> tuple[int, int]:
 
 @cache
 def cell_moments(parts: tuple[int, int]) -> NDArray[np.float64]:
-    """Return the means of x, y, z, xx, xy, xz, yy, yz, zz over CELLS x CELLS cells of each hemisphere part about z.
+    """Tabulate means of products of direction components over small cells of a stratified hemisphere about z.
+
+    A ray's products are looked up here instead of being computed from its direction. The products are x, y, z, xx, xy,
+    xz, yy, yz, zz. Each stratum is divided into CELLS x CELLS cells.
+
+    parts : (rows, columns) of the strata
 
     Returns
     -------
@@ -56,23 +64,33 @@ def cell_moments(parts: tuple[int, int]) -> NDArray[np.float64]:
 
 @inline
 def _in_part(patch: int, link: int, seed: int) -> tuple[int, int]:
-    """Return the position of a link within its part as two 32-bit words."""
+    """Return a ray's position within its stratum of the hemisphere: (u, v), two fractions times 2^32.
+
+    patch, link : the patch that sends the ray, and index of the ray, which is also that of its stratum
+    seed : of the random numbers
+    """
     key = hash32((seed * 0x9E3779B9 + link * 0x85EBCA6B) & WORD)
     return (key + patch * PLASTIC[0]) & WORD, (hash32(key ^ 0x2C1B3C6D) + patch * PLASTIC[1]) & WORD
 
 
 @inline
 def link_cell(patch: int, link: int, seed: int) -> int:
-    """Return the row of `cell_moments`, flattened over parts and cells, for a link of a patch."""
+    """Return the row of `cell_moments`, flattened over strata and cells, of the cell that a patch's ray falls into.
+
+    link : index of the ray, which is also that of its stratum of the hemisphere; seed : of the random numbers
+    """
     u, v = _in_part(patch, link, seed)
     return link * CELLS * CELLS + (u * CELLS >> 32) * CELLS + (v * CELLS >> 32)
 
 
 @inline
 def link_direction(normal: Vec3, patch: int, link: int, parts: tuple[int, int], seed: int) -> Vec3:
-    """Return the unit direction of a link. The links of a patch are cosine-distributed.
+    """Return the unit direction of a ray that a patch sends to find where its light comes from.
 
-    parts : see `strata`; link : below rows times columns
+    All rays of a patch together are stratified and cosine-distributed.
+
+    normal : of the patch; link : index of the ray, below rows times columns
+    parts : (rows, columns) of the strata of the hemisphere; seed : of the random numbers
     """
     rows, columns = parts
     u, v = _in_part(patch, link, seed)
@@ -84,13 +102,19 @@ def link_direction(normal: Vec3, patch: int, link: int, parts: tuple[int, int], 
 
 @inline
 def _fold(a: float, b: float) -> float:
-    """Return a coordinate of the lower half of an octahedron, folded outwards."""
+    """Fold the lower half of an octahedral map outwards: return the new value of a coordinate.
+
+    a : the coordinate, before folding; b : the other coordinate
+    """
     return (1.0 - abs(b)) * (1.0 if a >= 0.0 else -1.0)
 
 
 @inline
 def texel_of(d: Vec3) -> int:
-    """Return the texel of a direction in the octahedral map (Cigolle et al. 2014)."""
+    """Return the index of the texel that contains a direction in the octahedral map of the sky (Cigolle et al. 2014).
+
+    The map has SKY_EDGE x SKY_EDGE texels. d : of any length
+    """
     size = 1.0 / max(abs(d[0]) + abs(d[1]) + abs(d[2]), 1e-300)
     x, y = d[0] * size, d[1] * size
     if d[2] < 0.0:
@@ -102,7 +126,10 @@ def texel_of(d: Vec3) -> int:
 
 @inline
 def in_texel(texel: int, u: float, v: float) -> Vec3:
-    """Return the unit direction of the point (u, v), each 0 to 1, of a texel."""
+    """Return the unit direction of a position within a texel of the octahedral map of the sky.
+
+    u, v : across and down the texel, each 0 to 1
+    """
     x = 2.0 * (texel % SKY_EDGE + u) / SKY_EDGE - 1.0
     y = 2.0 * (texel // SKY_EDGE + v) / SKY_EDGE - 1.0
     z = 1.0 - abs(x) - abs(y)
@@ -113,7 +140,7 @@ def in_texel(texel: int, u: float, v: float) -> Vec3:
 
 @cache
 def texel_size() -> NDArray[np.float64]:
-    """Return the solid angle of each texel, (SKY_TEXELS,): its area on the octahedron seen from the centre."""
+    """Return the solid angle in steradians of each texel of the octahedral map of the sky, (SKY_TEXELS,) float64."""
     fine = 8  # sample points along each side
     u = (np.arange(SKY_EDGE * fine) + 0.5) / (SKY_EDGE * fine) * 2.0 - 1.0
     x, y = np.meshgrid(u, u)

@@ -31,17 +31,20 @@ Floats = NDArray[np.float32]
 
 
 class Exchange:
-    """Light exchange of a scene, which can be updated for other lights and materials without new links.
+    """Light exchanged between the patches of a scene after all bounces; `relight` updates it for other lights.
 
     Attributes
     ----------
     transport : Transport
-        The patches of the lit sides, and their links.
-    sides : dict
-        The lit sides, by instance number and sign.
+        The patches of all sides that receive light, and their links: rays to the patches and sky that illuminate them.
+    sides : dict of Side
+        Sides of instances that receive light, by instance number and sign: 1 for the front, -1 for the back.
     arrived : ArrivingLight
-        The light at the patches.
-    levels, spreads : see `LightTables.levels`; `levels.Spread` by the numbers of instances with coarser light
+        The light at the patches, with noise reduced.
+    levels : dict of int
+        Coarseness of each instance's light, by instance number: 0 is a record per splat, k one per 4^(k - 1) patches.
+    spreads : dict of Spread
+        Interpolation of coarser light, by instance number.
     """
 
     def __init__(
@@ -59,7 +62,11 @@ class Exchange:
         self.transport.release_executor()
 
     def _find(self, scene: Snapshot, sky: Sky, lit: list[tuple[int, int]], progress: Progress | None) -> None:
-        """Find the links of the lit sides, more of them where light is noisy, and solve for the light."""
+        """Cast rays from all patches of the lit sides, more where light is noisy, and compute the light there.
+
+        sky : its radiance; lit : index of a surface, and 1 for its front or -1 for its back, for each side that
+            receives light
+        """
         settings, self._lit = self._settings, lit
         transport = Transport(scene, self._surfaces, lit, settings.seed, settings.threads, self._executor)
         self._surfaces = transport.shared_surfaces()
@@ -86,7 +93,9 @@ class Exchange:
         }
 
     def relight(self, scene: Snapshot, other_levels: bool, progress: Progress | None) -> None:
-        """Update the light for another scene with the same models and planes.
+        """Compute the light of a scene with the same models and planes but other lights, materials or levels of detail.
+
+        Rays between patches are traced again only if other sides of instances receive light now.
 
         other_levels : whether the levels of detail of models have changed
         """
@@ -110,7 +119,7 @@ class Exchange:
 
 
 def _patch_count(scene: Snapshot, settings: BakeSettings) -> int:
-    """Return the approximate number of patches."""
+    """Return the approximate number of patches for all models: as set, or half the splats within limits."""
     if settings.patches is not None:
         return settings.patches
     records = scene.world.instances.reshape(-1, INSTANCE)
@@ -122,7 +131,7 @@ def _patch_count(scene: Snapshot, settings: BakeSettings) -> int:
 def _probe(
     scene: Snapshot, surfaces: list[BakeSurface], settings: BakeSettings, executor: Executor | None
 ) -> Transport:
-    """Return a transport with few patches, on both sides of all surfaces, and few links."""
+    """Return few patches on both sides of all surfaces, with few rays each, to find roughly which sides are lit."""
     sides = [(k, sign) for k in range(len(surfaces)) for sign in ALL_SIDES]
     probe = Transport(scene, _coarse_surfaces(surfaces), sides, settings.seed, settings.threads, executor)
     probe.send(np.arange(len(probe), dtype=np.int32), PROBE_LINKS)
@@ -130,14 +139,17 @@ def _probe(
 
 
 def _coarse_surfaces(surfaces: list[BakeSurface]) -> list[BakeSurface]:
-    """Return the surfaces of the probe."""
+    """Return the surfaces with fewer patches, for the rough solution that shows which sides are lit."""
     patches = sum(len(surface.positions) for surface in surfaces)
     most = min(max(patches // PROBE_SHARE, LEAST_PROBES), PROBES)
     return coarser(surfaces, max(most // len(surfaces), 16))
 
 
 def _lit_sides(scene: Snapshot, sky: Sky, probe: Transport, settings: BakeSettings) -> list[tuple[int, int]]:
-    """Return (surface, sign) of all fronts, and of the backs that are lit according to the probe."""
+    """Return (index of a surface, 1 for front or -1 for back) of all fronts, and of the backs that are not nearly dark.
+
+    probe : few patches on both sides of all surfaces, whose light is computed for this decision
+    """
     arrived = solve(scene.world, probe, settings, find_lights(scene.world, sky, probe))
     light = (arrived.direct + arrived.indirect) @ np.array(LUMINANCE, np.float32)
     means = [float(light[side.span].mean()) for side in probe.sides]
@@ -147,7 +159,11 @@ def _lit_sides(scene: Snapshot, sky: Sky, probe: Transport, settings: BakeSettin
 
 
 def _variance_ratio(arrived: ArrivingLight, count: Floats, noise: float) -> Floats:
-    """Return the variance of each patch's light as a multiple of the variance allowed by `noise`."""
+    """Return the variance of each patch's light over the allowed one, (n,); above 1 the patch needs more rays.
+
+    arrived, count : light after noise reduction, and the effective number of patches averaged for each patch, (n,)
+    noise : allowed standard error relative to the light
+    """
     weights = np.array(LUMINANCE, np.float32)
     light = (arrived.direct + arrived.indirect) @ weights
     least = DIM * float(light.mean())

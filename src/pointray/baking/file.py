@@ -39,10 +39,10 @@ class StoredLight(NamedTuple):
     """Contents of a file of baked light.
 
     settings : of the bake
-    keys : of the baked scene
-    kept : the records that rendering reads
-    skies : by instance number, for models whose front is baked: (slots,) uint16, or (knots,) for coarser light; see
-        `store.sky_visibility`
+    keys : hashes of the baked scene, which detect that a file belongs to another scene
+    kept : the light that rendering reads
+    skies : fraction of the sky visible from the front, in 65535ths, uint16, by instance number: for each splat of the
+        model in its tree's order, or for each record of coarser light
     """
 
     settings: BakeSettings
@@ -52,7 +52,10 @@ class StoredLight(NamedTuple):
 
 
 def write_light(path: str | os.PathLike[str], light: StoredLight, report: Progress) -> None:
-    """Write a file for `read_light`; it gets its name once complete. report : called with the completed fraction"""
+    """Write baked light to a file that `read_light` reads. The file gets its name once it is complete.
+
+    report : called with the completed fraction
+    """
     kept, row_of = light.kept, {number: row for row, number in enumerate(light.keys.shapes)}
     about = {
         "settings": {name: value for name, value in asdict(light.settings).items() if name != "threads"},
@@ -81,7 +84,7 @@ def write_light(path: str | os.PathLike[str], light: StoredLight, report: Progre
 
 
 def read_light(path: str | os.PathLike[str], scene: Snapshot) -> StoredLight:
-    """Read the light of a scene from a file, with its arrays mapped.
+    """Read the baked light of a scene from a file, by memory mapping, and check all values that kernels rely on.
 
     Raises
     ------
@@ -98,7 +101,12 @@ def read_light(path: str | os.PathLike[str], scene: Snapshot) -> StoredLight:
 
 
 def _check_scene(about: dict[str, Any], scene: Snapshot) -> Keys:
-    """Return the keys of the light; raise ValueError if its scene has another geometry."""
+    """Compare a file of baked light with the given scene: return the hashes of the baked scene.
+
+    Raise ValueError if its geometry is another one; other lights and materials are allowed.
+
+    about : description at the beginning of the file
+    """
     shapes, clips, light = (about.get(name) for name in ("shapes", "clips", "light"))
     if not (isinstance(shapes, list) and all(isinstance(shape, dict) for shape in shapes) and isinstance(light, str)):
         raise ValueError("the baked light is damaged: the keys of its scene are missing")
@@ -110,7 +118,10 @@ def _check_scene(about: dict[str, Any], scene: Snapshot) -> Keys:
 
 
 def _take_light(about: dict[str, Any], found: Arrays, scene: Snapshot, keys: Keys) -> StoredLight:
-    """Return the light, checked."""
+    """Build the baked light from the contents of a file; raise ValueError if a value could lead kernels out of bounds.
+
+    about : description at the beginning of the file; found : its arrays, by name; keys : hashes of the scene
+    """
     settings, unit = _settings_of(about.get("settings")), about.get("unit")
     if not isinstance(unit, float) or not 0.0 < unit <= LARGEST_UNIT:  # also for NaN
         raise ValueError(f"the baked light is damaged: invalid unit {unit!r}")
@@ -145,13 +156,18 @@ def _settings_of(values: Any) -> BakeSettings:
 
 
 def _models_of(scene: Snapshot) -> list[Model | None]:
-    """Return the model of each instance, or None for a plane."""
+    """Return the model of each instance of a scene, in the order of the instances; None for a plane."""
     rows = scene.world.instances.reshape(-1, INSTANCE)
     return [scene.models[int(row[SHAPE_ROW])] if row[KIND] == MODEL else None for row in rows]
 
 
 def _take_sides(found: Arrays, instances: int) -> list[tuple[int, int]]:
-    """Return (row of the instance, sign) of each baked side, in increasing order of rows, fronts first."""
+    """Return the sides of instances with light in a file: (row of the instance, 1 for front or -1 for back).
+
+    They are in increasing order of rows, fronts first; ValueError if not.
+
+    found : arrays of the file; instances : number of instances of the scene
+    """
     sides = take_array(found, "sides", np.int32, (-1, 2))
     rows, signs = sides.astype(np.int64).T
     known = (rows >= 0) & (rows < instances) & (np.abs(signs) == 1)
@@ -161,7 +177,10 @@ def _take_sides(found: Arrays, instances: int) -> list[tuple[int, int]]:
 
 
 def _take_grids(found: Arrays, count: int) -> list[Grid]:
-    """Return the grids of planes, checked."""
+    """Return the grids in which the light of planes is stored in a file; raise ValueError if one is invalid.
+
+    found : arrays of the file; count : number of planes with light
+    """
     table = take_array(found, "grids", np.float64, (count, 4))
     half, edge = table[:, 2], table[:, 3]
     good = (np.abs(table) <= FARTHEST).all(axis=1) & (half >= LEAST_HALF)  # false for NaN
@@ -171,7 +190,11 @@ def _take_grids(found: Arrays, count: int) -> list[Grid]:
 
 
 class CoarseLight(NamedTuple):
-    """Coarser light of an instance. level : see `levels`; spread : its number; records : their number for one side"""
+    """Coarser light of an instance in a file: fewer records than splats, between which splats interpolate.
+
+    level : k for a record per 4^(k - 1) patches; records : number of records of each side
+    spread : index of the interpolation table in the file; instances of a model may share one
+    """
 
     level: int
     spread: int
@@ -179,7 +202,10 @@ class CoarseLight(NamedTuple):
 
 
 def _take_coarse(found: Arrays, sides: list[tuple[int, int]], models: list[Model | None]) -> dict[int, CoarseLight]:
-    """Return the coarser light of instances, by their rows."""
+    """Return which instances have coarser light in a file, by row of the instance; ValueError if it is damaged.
+
+    found : arrays of the file; sides : (row, sign) of all sides with light; models : of each instance, None for a plane
+    """
     table = take_array(found, "coarse", np.int32, (-1, 4)).astype(np.int64)
     fronts = [row for row, sign in sides if sign > 0 and models[row] is not None]
     rows, levels, spreads, records = table.T
@@ -193,7 +219,13 @@ def _take_coarse(found: Arrays, sides: list[tuple[int, int]], models: list[Model
 def _take_spreads(
     found: Arrays, coarse: dict[int, CoarseLight], models: list[Model | None]
 ) -> dict[int, tuple[NDArray[np.int32], ...]]:
-    """Return the spreads of coarser light, checked, by the rows of instances."""
+    """Return interpolation tables of coarser light in a file, by row of the instance; ValueError if one is damaged.
+
+    A table has for each block the four records that its splats blend, see `records.SPREAD`; there is one for the model
+    and one for each of its levels of detail.
+
+    found : arrays of the file; coarse : instances with coarser light; models : of each instance, None for a plane
+    """
     users: dict[int, tuple[Model, int]] = {}
     for row, item in coarse.items():
         model = models[row]
@@ -212,12 +244,12 @@ def _take_spreads(
 
 
 def _slots_of(model: Model) -> list[int]:
-    """Return the number of slots of a model's tree, and of the trees of its levels of detail."""
+    """Return the numbers of splats, unused slots included, of a model's tree and those of its levels of detail."""
     return [tree.order.size for tree in (model.tree, *(level.tree for level in model.levels))]
 
 
 def _parts(array: NDArray[Any], sizes: Mapping[Any, int]) -> Iterator[tuple[Any, NDArray[Any]]]:
-    """Split an array into parts of the given sizes, with their names."""
+    """Split an array along its first axis: yield (key, part) for each key and length in `sizes`, in order."""
     begin = 0
     for name, size in sizes.items():
         yield name, array[begin : begin + size]

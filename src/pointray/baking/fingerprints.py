@@ -22,7 +22,8 @@ _MODEL_KEYS: WeakKeyDictionary[Model, dict[str, str]] = WeakKeyDictionary()  # h
 class Keys(NamedTuple):
     """Hashes that identify a baked scene, equal in every process, and for models that were saved and loaded.
 
-    shapes : by instance number, in the scene's order: hashes by the name of what they cover, such as "points"
+    shapes : for each instance, by its number and in the scene's order, hashes by the name of what they cover, such as
+        "points" or "transform"
     clips : hash of the clip planes
     light : hash of lights, sky, materials and colours
     """
@@ -33,7 +34,7 @@ class Keys(NamedTuple):
 
 
 def scene_keys(scene: Snapshot) -> Keys:
-    """Return the keys of a scene."""
+    """Return hashes of all that baked light depends on: each instance, the clip planes, and lights with materials."""
     world = scene.world
     models, planes = [_model_keys(model) for model in scene.models], _plane_keys(scene)
     shapes = {}
@@ -51,7 +52,7 @@ def scene_keys(scene: Snapshot) -> Keys:
 
 
 def _model_keys(model: Model) -> dict[str, str]:
-    """Return the hashes of a model: what its light depends on, and the order in which its splats are stored."""
+    """Return hashes of a model's points, radii, splats in their stored order and levels of detail, by these names."""
     if model not in _MODEL_KEYS:
         points, tree = model.points, model.tree
         normals = np.zeros(0) if points.normals is None else points.normals
@@ -65,13 +66,17 @@ def _model_keys(model: Model) -> dict[str, str]:
 
 
 def _plane_keys(scene: Snapshot) -> list[str]:
-    """Return the hash of the position of each plane."""
+    """Return a hash of each plane's position and orientation, without its colours."""
     planes = np.delete(scene.world.planes.reshape(-1, rec.PLANE_SIZE), COLORED, axis=1)
     return [_hex_digest(plane) for plane in planes]
 
 
 def difference(baked: list[dict[str, Any]], clips: Any, scene: Keys) -> str | None:
-    """Describe how the geometry of a scene differs from that of a bake; None if it does not."""
+    """Describe how the geometry of a scene differs from that of the baked scene; return None if it does not differ.
+
+    baked : for each baked instance, hashes by the name of what they cover; clips : hash of the baked clip planes
+    scene : hashes of the present scene
+    """
     if len(baked) != len(scene.shapes):
         return f"{len(baked)} instances were baked, this scene has {len(scene.shapes)}"
     for before, (number, now) in zip(baked, scene.shapes.items(), strict=True):
@@ -82,7 +87,11 @@ def difference(baked: list[dict[str, Any]], clips: Any, scene: Keys) -> str | No
 
 
 def geometry_key(scene: Snapshot) -> tuple[Any, ...]:
-    """Return a key of what links depend on, valid in this process: geometry, mirrors and glass."""
+    """Return a key that changes if rays between surfaces could meet something else, valid in this process only.
+
+    It is (models, their levels of detail, hash of placements, planes, clip planes, and of which surfaces are mirrors or
+    glass).
+    """
     world = scene.world
     records = world.instances.reshape(-1, rec.INSTANCE).copy()
     kinds = world.materials[rec.MATERIAL_KIND :: rec.MATERIAL_SIZE][records[:, rec.MATERIAL].astype(int)]
@@ -94,12 +103,12 @@ def geometry_key(scene: Snapshot) -> tuple[Any, ...]:
 
 
 def lacks_levels(before: tuple[Any, ...], now: tuple[Any, ...]) -> bool:
-    """Return whether two results of `geometry_key` differ in levels of detail only."""
+    """Return whether two keys from `geometry_key` differ only in the models' levels of detail."""
     return before != now and (before[0], before[2]) == (now[0], now[2])
 
 
 def light_key(scene: Snapshot) -> bytes:
-    """Return a hash of what the light depends on besides `geometry_key`: lights, sky and materials."""
+    """Return a hash of all that baked light depends on besides geometry: lights, sky, materials and colours."""
     world = scene.world
     return _digest(world.lights, world.sky, world.sky_colors, material_key(scene))
 
@@ -113,12 +122,12 @@ def material_key(scene: Snapshot) -> bytes:
 
 
 def _hex_digest(*parts: NDArray[Any] | bytes) -> str:
-    """Return a hash as hexadecimal digits."""
+    """Return a 16-byte hash of bytes and of arrays as hexadecimal digits."""
     return _digest(*parts).hex()
 
 
 def _digest(*parts: NDArray[Any] | bytes) -> bytes:
-    """Return a hash of bytes and of arrays, including their shapes and dtypes."""
+    """Return a 16-byte hash of bytes and of arrays, including their shapes and dtypes."""
     digest = hashlib.blake2b(digest_size=16)
     for part in parts:
         array = np.frombuffer(part, np.uint8) if isinstance(part, bytes) else part

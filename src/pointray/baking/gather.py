@@ -42,10 +42,12 @@ ONE_TILE = 3  # int64 per tile: its first row, its number of rows, its side (1 o
 
 
 class Patches(NamedTuple):
-    """The patches of all surfaces, and the rows of those to process.
+    """The patches of all sides of surfaces, and the rows of those to process in one call of a kernel.
 
-    positions : (n * 3,) float64, world; normals : (n * 3,) float32, world, unit, pointing to the patch's side
-    rows : (m,) int32; tiles : (tiles * ONE_TILE,) int64
+    positions : (n * 3,) float64, world; normals : (n * 3,) float32, unit, pointing to the side that receives light
+    rows : (m,) int32, the patches to process, one side after the other
+    tiles : (tiles * ONE_TILE,) int64, for each tile of up to 64 patches of one side: its first index in `rows`, its
+        number of patches, and 1 for fronts or -1 for backs
     """
 
     positions: Array
@@ -55,10 +57,12 @@ class Patches(NamedTuple):
 
 
 class Targets(NamedTuple):
-    """Tables that map a hit to a patch.
+    """Tables that map a ray's hit to the patch that represents it.
 
-    rows : (instances * TARGET,) int64; patch_of : int32, for each slot of each model, see `patches.Blend`
-    frames : (instances * BAKED_FRAME,) float64, the grids of planes
+    rows : (instances * TARGET,) int64, for each instance the first patch of its front and of its back, or -1 if that
+        side is dark, and where its model begins in `patch_of`
+    patch_of : int32, for each splat of each model, in the order of its tree, its patch as an index among the model's
+    frames : (instances * BAKED_FRAME,) float64, for planes the grid whose cells are patches, see `records.BAKED_FRAME`
     """
 
     rows: Array
@@ -67,11 +71,13 @@ class Targets(NamedTuple):
 
 
 class Rays(NamedTuple):
-    """Parameters of the rays to send.
+    """Parameters of the rays that patches send.
 
-    stage : FIND_LINKS, FIND_DIRECT or FIND_SUNS; parts : strata of the links; seed : of the random numbers
-    samples : shadow rays to each area light; tinted : whether links have colours
-    suns : (n * 3,) float64, directions to bright spots of the sky
+    stage : FIND_LINKS (what lies around each patch), FIND_DIRECT (shadow rays to lights) or FIND_SUNS (shadow rays to
+        bright spots of the sky)
+    parts : (rows, columns) of the strata of the hemisphere, with one FIND_LINKS ray each; seed : of the random numbers
+    samples : shadow rays to each area light; suns : (n * 3,) float64, directions to bright spots of the sky
+    tinted : whether there are mirrors or glass, which colour what is seen in them
     """
 
     stage: int
@@ -83,10 +89,12 @@ class Rays(NamedTuple):
 
 
 class Found(NamedTuple):
-    """Results of the rays; arrays that a stage does not fill are empty.
+    """Results of the rays that m patches send; arrays that a kind of ray does not fill are empty.
 
-    links : (m * links,) int32; tints : RGB9E5, same shape, the colour of links through mirrors and glass, if tinted
-    nearness : (m,) float32, sum over the links of the inverse distance of their hits
+    links : (m * rays,) int32, what each ray met: BLACK; INSIDE, a dark side; SKY + texel; PATCHES + patch; or ~light,
+        negative, for a light seen in a mirror or through glass
+    tints : RGB9E5, same shape, the colour of mirrors and glass on the way; empty without these
+    nearness : (m,) float32, sum of the inverse distances of the rays' first hits
     direct : (m * 3,) float32, irradiance from lights other than sky and emissive surfaces; or (m * suns,), the cosine
         to each bright spot of the sky, 0 where it is occluded
     """
@@ -99,7 +107,10 @@ class Found(NamedTuple):
 
 @inline
 def _patch_at(world: World, targets: Targets, hit: WorldHit, ray: tuple[Vec3, Vec3]) -> int:
-    """Return the link to the patch that a ray (o, d) hit, on the side that the ray came from."""
+    """Return PATCHES + the patch that a ray (o, d) hit, on the side that it came from; INSIDE if that side is dark.
+
+    targets : tables that map a hit to a patch
+    """
     row = hit.instance * TARGET
     first = targets.rows[row] if dot(hit.normal, ray[1]) < 0.0 else targets.rows[row + 1]
     if first < 0:
@@ -116,7 +127,10 @@ def _patch_at(world: World, targets: Targets, hit: WorldHit, ray: tuple[Vec3, Ve
 
 @inline
 def _continue_ray(world: World, i: int, key: int, depth: int, scratch: Scratch) -> bool:
-    """Continue ray i after it hit a mirror or glass; return whether any throughput is left."""
+    """Reflect or refract ray i, which hit a mirror or glass, and multiply its throughput; return whether any is left.
+
+    key : of the random numbers, which choose between reflection and refraction; depth : number of earlier such hits
+    """
     points = scratch.shading_points
     material, point = shading_point(world, scratch, i)
     which, _ = sample_pair(key, depth, WHICH)
@@ -129,7 +143,13 @@ def _continue_ray(world: World, i: int, key: int, depth: int, scratch: Scratch) 
 
 @inline
 def _resolve(world: World, targets: Targets, i: int, depth: int, key: int, scratch: Scratch) -> tuple[int, bool]:
-    """Return (the link of ray i, whether the ray continues instead)."""
+    """Return (source of light that ray i met, whether the ray continues from a mirror or glass instead).
+
+    The source is BLACK, INSIDE (a dark side), SKY + texel, PATCHES + patch, or ~light, negative.
+
+    targets : tables that map a hit to a patch; depth : number of earlier mirrors and glass surfaces
+    key : of the random numbers
+    """
     ray, hit = (load3(scratch.world, sc.ORIGIN + i), load3(scratch.world, sc.DIRECTION + i)), tile_hit(scratch, i)
     if depth > 0:
         light = nearest_lamp(world, ray, hit.t)[1]
@@ -146,7 +166,11 @@ def _resolve(world: World, targets: Targets, i: int, depth: int, key: int, scrat
 def _trace_links(
     world: World, targets: Targets, tile: tuple[int, int, int], rays: Rays, k: int, found: Found, scratch: Scratch
 ) -> None:
-    """Trace the tile's rays, link k of each patch, through mirrors and glass."""
+    """Trace the tile's rays through mirrors and glass until each meets a source of light, and store this in `found`.
+
+    targets : tables that map a hit to a patch; k : index of the ray among those of its patch
+    tile : first index in `Patches.rows`, number of patches, and side
+    """
     count = rays.parts[0] * rays.parts[1]
     for i in range(sc.TILE):
         store3(scratch.shading_points, sc.THROUGHPUT + i, WHITE)
@@ -184,7 +208,11 @@ def _find_links(
     found: Found,
     scratch: Scratch,
 ) -> None:
-    """Find the links of the tile's patches."""
+    """Send rays from each patch of a tile over its hemisphere, and store what they meet in `found.links`.
+
+    targets : tables that map a hit to a patch
+    tile : first index in `patches.rows`, number of patches, and 1 for fronts or -1 for backs
+    """
     for k in range(rays.parts[0] * rays.parts[1]):
         for i in range(sc.TILE):
             set_ray(scratch, i, NO_RAY)
@@ -198,14 +226,14 @@ def _find_links(
 
 @inline
 def normal_of(patches: Patches, patch: int) -> Vec3:
-    """Return the normal of a patch as float64."""
+    """Return the unit normal of a patch, which is stored as float32, as float64."""
     n = load3_flat(patches.normals, 3 * patch)
     return f64(n[0]), f64(n[1]), f64(n[2])
 
 
 @inline
 def _samples_to(world: World, light: int, rays: Rays) -> int:
-    """Return the number of shadow rays that a patch sends to a light."""
+    """Return the number of shadow rays from a patch to a light. light : offset of its record in `world.lights`"""
     if world.lights[light + rec.LIGHT_AREA] > 0.0:
         return rays.samples
     return SUN_SAMPLES if world.lights[light + rec.LIGHT_RADIUS] > 0.0 else 1
@@ -215,9 +243,10 @@ def _samples_to(world: World, light: int, rays: Rays) -> int:
 def _add_light(
     world: World, patches: Patches, tile: tuple[int, int, int], which: tuple[int, int, int], seed: int, scratch: Scratch
 ) -> None:
-    """Add one sample of a light to the tile's patches.
+    """Add one sample of a light, with a shadow ray, to the irradiance of each patch of a tile (row RADIANCE).
 
-    which : the light, or -1 to choose one at random; index of the sample; number of samples
+    tile : first index in `patches.rows`, number of patches, and 1 for fronts or -1 for backs
+    which : index of the light, or -1 to choose one at random; index of the sample; number of samples
     """
     points, lit = scratch.shading_points, False
     for i in range(sc.TILE):
@@ -250,7 +279,11 @@ def _add_light(
 def _find_direct(
     world: World, patches: Patches, tile: tuple[int, int, int], rays: Rays, found: Found, scratch: Scratch
 ) -> None:
-    """Compute the irradiance of the tile's patches from lights other than sky and emissive surfaces."""
+    """Compute the irradiance of a tile's patches from lights other than sky and emissive surfaces, in `found.direct`.
+
+    tile : first index in `patches.rows`, number of patches, and 1 for fronts or -1 for backs
+    rays : gives number and seed of the shadow rays
+    """
     points = scratch.shading_points
     for i in range(sc.TILE):
         store3(points, sc.RADIANCE + i, NO_LIGHT)
@@ -273,7 +306,11 @@ def _find_direct(
 def _find_suns(
     world: World, patches: Patches, tile: tuple[int, int, int], rays: Rays, found: Found, scratch: Scratch
 ) -> None:
-    """Find which bright spots of the sky the tile's patches see."""
+    """Store the cosine of each patch of a tile to each bright spot of the sky in `found.direct`; 0 where occluded.
+
+    tile : first index in `patches.rows`, number of patches, and 1 for fronts or -1 for backs
+    rays : gives the directions to the spots
+    """
     count = rays.suns.size // 3
     for sun in range(count):
         d, lit = load3_flat(rays.suns, 3 * sun), False
@@ -295,7 +332,10 @@ def _find_suns(
 
 @kernel
 def send_rays(work: Array, world: World, patches: Patches, targets: Targets, rays: Rays, found: Found) -> int:
-    """Find links or direct light of the selected patches, tile by tile."""
+    """Send the rays of the selected patches and store what they find, tile by tile.
+
+    targets : maps a hit to a patch; rays : which of three kinds to send, and their parameters; found : results
+    """
     patches, targets, found = borrow(patches), borrow(targets), borrow(found)
     memory = new_scratch(world.longest)
     scratch, world = borrow(memory), borrow(world)

@@ -28,11 +28,13 @@ Ints = NDArray[np.int32]
 
 
 class Spread(NamedTuple):
-    """One level of a model's light.
+    """Interpolation of a model's coarser light: which of the few records are blended for each splat, and their weights.
 
-    blocks : of the model, then of its levels of detail: (blocks * SPREAD,) int32, see `records.SPREAD`
-    knot_of : (patches,) int32, the knot to which each patch contributes
-    knots : their number
+    Records are stored at knots, which are every patch of the model, or every 4th, 16th and so on.
+
+    blocks : of the model, then of its levels of detail: (blocks * SPREAD,) int32, four knots for each block of splats,
+        and their weights for each splat, see `records.SPREAD`
+    knot_of : (patches,) int32, the knot to whose light each patch contributes; knots : their number
     """
 
     blocks: tuple[Ints, ...]
@@ -41,7 +43,11 @@ class Spread(NamedTuple):
 
 
 class LightCost(NamedTuple):
-    """Cost of a model's light. records : of light at level 0; spread : bytes of one spread"""
+    """Size of the light of a model's instances, from which their level of coarseness is chosen.
+
+    records : number of records of a side at level 0, one per splat; patches : number of patches of the model
+    spread : bytes of the table that interpolates a coarser level, which instances share
+    """
 
     records: int
     spread: int
@@ -49,20 +55,29 @@ class LightCost(NamedTuple):
 
 
 class LitInstance(NamedTuple):
-    """Instance of a model whose light is stored. shape : index of the model; sides : number of lit sides"""
+    """Instance of a model, for which memory for light is planned.
+
+    shape : index of the model; sides : number of sides that receive light, 1 or 2
+    """
 
     shape: int
     sides: int
 
 
 def knots_at(level: int, patches: int) -> NDArray[np.int64]:
-    """Return the patches that are the knots of a level >= 1, in increasing order."""
+    """Return the patches at which records of light are stored at a coarse level: every 4^(level - 1)-th, increasing.
+
+    level : at least 1; patches : number of patches of the model
+    """
     step = STEP ** (level - 1)
     return np.arange(patches)[step // 2 :: step]
 
 
 def coarsest_level(patches: int) -> int:
-    """Return the coarsest level of a model with this number of patches."""
+    """Return the coarsest level of a model's light, at least 1; levels above 1 have at least LEAST_KNOTS records.
+
+    patches : number of patches of the model; level k stores a record for every 4^(k - 1) of them
+    """
     level = 1
     while len(knots_at(level + 1, patches)) >= LEAST_KNOTS:
         level += 1
@@ -70,32 +85,50 @@ def coarsest_level(patches: int) -> int:
 
 
 def padded_count(count: int) -> int:
-    """Return the number of records stored for `count` knots, a multiple of 4 because they are read four at a time."""
+    """Return a number of light records rounded up to a multiple of 4, because they are read four at a time."""
     return count + -count % 4
 
 
 def light_cost(trees: Sequence[Tree], patches: int) -> LightCost:
-    """Return the cost of a model's light. trees : of the model, and of its levels of detail"""
+    """Return the size of a model's light, to choose its coarseness.
+
+    trees : of the model, and of its levels of detail; patches : number of patches of the model
+    """
     slots = sum(tree.order.size for tree in trees)
     return LightCost(slots, 4 * SPREAD * (slots // BLOCK_SPLATS), patches)
 
 
 def _bytes_at(shape: LightCost, level: int) -> int:
-    """Return the bytes of one side at a level, without the spread."""
+    """Return the bytes of the light records of one side of an instance, without tables that interpolate coarser light.
+
+    shape : its model; level : 0 for a record per splat, k for one per 4^(k - 1) patches
+    """
     return 4 * RECORD * (shape.records if level == 0 else padded_count(len(knots_at(level, shape.patches))))
 
 
 def _total(shapes: Sequence[LightCost], wanted: Sequence[LitInstance], levels: Sequence[int]) -> int:
-    """Return the bytes of all instances at the given levels."""
+    """Return the bytes of all instances' light, including the tables that interpolate coarser light.
+
+    shapes : size of the light of each model; wanted : instances
+    levels : of each instance's light, 0 for a record per splat, k for one per 4^(k - 1) patches
+    """
     spreads = {(item.shape, level) for item, level in zip(wanted, levels, strict=True) if level > 0}
     own = sum(item.sides * _bytes_at(shapes[item.shape], level) for item, level in zip(wanted, levels, strict=True))
     return own + sum(shapes[shape].spread for shape, _ in spreads)
 
 
 def choose_levels(shapes: Sequence[LightCost], wanted: Sequence[LitInstance], budget: int) -> list[int] | int:
-    """Choose the level of each instance so that all fit into a budget in bytes; if none fit, return the least budget.
+    """Choose how coarse each instance's light is so that all fit into a memory budget.
 
     All levels are coarsened together; then those of the smallest instances are refined while there is room.
+
+    shapes : size of the light of each model; wanted : instances; budget : bytes
+
+    Returns
+    -------
+    list of int, or int
+        For each instance 0 for a record per splat, or k for one per 4^(k - 1) patches. If even the coarsest light does
+        not fit: the bytes that it takes.
     """
     sides = Counter[int]()
     for item in wanted:
@@ -111,14 +144,26 @@ def choose_levels(shapes: Sequence[LightCost], wanted: Sequence[LitInstance], bu
 
 
 def _cheapest_level(shape: LightCost, sides: int, most: int) -> int:
-    """Return the level up to `most` at which the instances of a model take the least memory; the finest on a tie."""
+    """Return the level, 0 to `most`, at which a model's instances take the least memory; the finest on a tie.
+
+    shape : size of the model's light; sides : number of lit sides of all its instances
+    """
     return min(range(most + 1), key=lambda level: sides * _bytes_at(shape, level) + (shape.spread if level else 0))
 
 
 def _refine_levels(
     shapes: Sequence[LightCost], wanted: Sequence[LitInstance], levels: list[int], budget: int
 ) -> list[int]:
-    """Refine levels where there is room, level by level, the smallest instances first."""
+    """Make the light of instances finer where the budget has room, level by level, the smallest instances first.
+
+    shapes : size of the light of each model; wanted : instances; budget : bytes
+    levels : of each instance's light, 0 for a record per splat, k for one per 4^(k - 1) patches; changed in place
+
+    Returns
+    -------
+    list of int
+        `levels`.
+    """
     used = Counter((item.shape, level) for item, level in zip(wanted, levels, strict=True))
     total = _total(shapes, wanted, levels)
     order = sorted(range(len(wanted)), key=lambda k: (wanted[k].sides * _bytes_at(shapes[wanted[k].shape], 0), k))
@@ -138,7 +183,10 @@ def _refine_levels(
 
 
 def make_spread(trees: Sequence[Tree], patches: PatchSet, level: int) -> Spread:
-    """Build the spread of a model at a level >= 1."""
+    """Build the interpolation of a model's coarser light from few records to all splats.
+
+    trees : of the model, and of its levels of detail; level : k >= 1 for a record per 4^(k - 1) patches
+    """
     rows = knots_at(level, len(patches.positions))
     positions, normals = patches.positions[rows], patches.normals[rows]
     finder = NeighborTree(positions)
@@ -161,7 +209,16 @@ def _spread_over(
     positions: NDArray[np.float32],
     normals: NDArray[np.float32],
 ) -> Ints:
-    """Return the knots and weights of splats at x with normals n, (blocks * SPREAD,)."""
+    """Return for each block of splats the four knots from which light is interpolated, and the splats' weights.
+
+    x, n : positions and normals of the splats, (slots, 3)
+    finder, positions, normals : search tree, positions and normals of the knots, the patches where light is stored
+
+    Returns
+    -------
+    (blocks * SPREAD,) int32
+        For each block four knots, then for each of its four splats the weights of these in 255ths, a byte each.
+    """
     blend = blend_for(x, n, finder, positions, normals)
     knots, weights = nearest_blend(x, n, blend, (positions, normals), KNOTS)
     total = weights.sum(axis=1, keepdims=True, dtype=np.int64)
@@ -175,14 +232,22 @@ def _spread_over(
 
 
 def average_at_knots(spread: Spread, values: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the mean light, (count, k), of each knot's patches, (patches, k); count is a multiple of 4."""
+    """Average light over groups of patches: return the mean over the patches of each knot, (count, k).
+
+    Knots are the patches at which coarser light is stored. Their number is padded to a multiple of 4.
+
+    values : (patches, k)
+    """
     parts, count = np.bincount(spread.knot_of, minlength=spread.knots), padded_count(spread.knots)
     sums = [np.bincount(spread.knot_of, column, count) for column in values.T]
     return (np.stack(sums, axis=1) / np.append(parts, np.ones(count - spread.knots))[:, None]).astype(np.float32)
 
 
 def blend_over_splats(blocks: Ints, values: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Blend the light of knots at the slots of a tree, (n, k), as rendering does."""
+    """Interpolate coarser light to the splats of a tree as rendering does: return (slots, k).
+
+    blocks : (blocks * SPREAD,), the four records that each block blends, and weights; values : (records, k)
+    """
     table = blocks.reshape(-1, SPREAD)
     knots = np.repeat(table[:, SPREAD_RECORDS : SPREAD_RECORDS + KNOTS], BLOCK_SPLATS, axis=0)
     shares = np.ascontiguousarray(table[:, SPREAD_SHARES:]).reshape(-1, 1).view(np.uint8).astype(np.float32)
@@ -191,7 +256,11 @@ def blend_over_splats(blocks: Ints, values: NDArray[np.float32]) -> NDArray[np.f
 
 
 def is_valid_spread(blocks: Ints, count: int) -> bool:
-    """Return whether blocks are valid for kernels, given the number of records."""
+    """Return whether an interpolation table from a file is safe for kernels: valid indices, weights of sum 255.
+
+    blocks : (blocks * SPREAD,), for each block four indices of records, and their weights for each splat
+    count : number of light records
+    """
     table = blocks.reshape(-1, SPREAD)
     knots = table[:, SPREAD_RECORDS : SPREAD_RECORDS + KNOTS]
     shares = np.ascontiguousarray(table[:, SPREAD_SHARES:]).view(np.uint8).reshape(-1, KNOTS)

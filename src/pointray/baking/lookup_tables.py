@@ -17,20 +17,22 @@ COLUMNS = {1: rec.BAKED_FRONT, -1: rec.BAKED_BACK}  # by the sign of a side
 
 
 class _Addresses(bytearray):
-    """Memory of a table of addresses, which keeps the arrays they point to alive."""
+    """Memory of a table of array addresses; `kept` keeps the arrays alive as long as the table."""
 
     kept: list[NDArray[np.int32]]
 
 
 class LightTables(NamedTuple):
-    """Light of all sides of instances, by instance number. Sides are in the order of the instances.
+    """Baked light as rendering reads it, by instance number.
 
-    unit : W/m2 per 1.0 of the records
-    records : (n, RECORD) int32 by instance number, sign and level of detail (0 for the model itself, or for a plane):
-        of each slot of the tree, or of each cell of a plane's grid; for coarser light, of its knots
-    grids : of planes
-    spreads : of instances with coarser light, see `levels.Spread.blocks`; instances of a model share them
-    levels : level of the light of each instance of a model, see `levels`; 0 is a record per splat
+    unit : irradiance of 1.0 in a record, in W/m2
+    records : (n, RECORD) int32 by instance number, sign (1 front, -1 back) and level of detail (0 for the model itself,
+        or for a plane): one record for each splat in the tree's order, for each cell of a plane's grid, or fewer in
+        coarser light
+    grids : the cells of planes
+    spreads : interpolation of coarser light, for the model and each level of detail, see `levels.Spread.blocks`;
+        instances of a model share them
+    levels : coarseness of the light of each instance of a model: 0 is a record per splat, k one per 4^(k - 1) patches
     """
 
     unit: float
@@ -40,11 +42,19 @@ class LightTables(NamedTuple):
     levels: dict[int, int]
 
     def tables(self, scene: Snapshot, levels: NDArray[np.int64]) -> tuple[Array, Array]:
-        """Return the tables that kernels read, see `records.BAKED`.
+        """Return the arrays through which kernels read the light.
+
+        A model that is not the one that was baked renders black: its splats have no records.
 
         levels : (instances,), the level of detail that each instance shows
 
-        A model that is not the one that was baked renders black: its splats have no records.
+        Returns
+        -------
+        (instances * 5,) int64
+            For each instance the addresses and lengths of its tables, see `records.BAKED`; valid while this array
+            exists.
+        (instances * 5,) float64
+            For each instance the grid of a plane, and the unit of the stored irradiance, see `records.BAKED_FRAME`.
         """
         rows, frames = np.zeros((len(levels), rec.BAKED), np.int64), np.zeros((len(levels), rec.BAKED_FRAME))
         memory = _Addresses(rows.nbytes)
@@ -75,23 +85,29 @@ class LightTables(NamedTuple):
         return np.frombuffer(memory, np.int64), frames.reshape(-1)
 
     def portable(self) -> LightTables:
-        """Return this object."""
+        """Return this object, which can be pickled. `Baked` has the same method: a scene may hold either."""
         return self
 
     def slots_of(self, number: int) -> int:
-        """Return the number of slots of an instance's model, or of cells of a plane."""
+        """Return the number of splats of an instance's model, unused slots included, or of cells of a plane.
+
+        number : of the instance
+        """
         spread = self.spreads.get(number)
         return len(self.records[number, 1, 0]) if spread is None else spread[0].size // rec.SPREAD * BLOCK_SPLATS
 
     @property
     def nbytes(self) -> int:
-        """Size in bytes of the records and spreads."""
+        """Size in bytes of the light records and of the interpolation tables of coarser light."""
         spreads = {id(spread): sum(blocks.nbytes for blocks in spread) for spread in self.spreads.values()}
         return sum(records.nbytes for records in self.records.values()) + sum(spreads.values())
 
 
 def _slots(scene: Snapshot, levels: NDArray[np.int64]) -> list[int]:
-    """Return the number of slots of the tree that each instance shows; 0 for planes."""
+    """Return the number of splats, unused slots of blocks included, of the tree that each instance shows; 0 for planes.
+
+    levels : (instances,), the level of detail that each instance shows
+    """
     families = [(model, *model.levels) for model in scene.models]
     kinds, shapes = scene.world.instances.reshape(-1, rec.INSTANCE)[:, [rec.KIND, rec.SHAPE_ROW]].astype(int).T
     return [

@@ -17,7 +17,12 @@ CHUNK = 4096
 
 @inline
 def write_record(values: Array, scale: float, out: Array, at: int) -> None:
-    """Write out[at : at + RECORD]. values : PER_PATCH numbers; scale : factor for light"""
+    """Encode light as a 16-byte record, out[at : at + RECORD]: irradiance as RGB9E5, and its directional distribution.
+
+    values : PER_PATCH numbers: irradiance from surfaces and the sky, irradiance from lights, spherical harmonics of the
+        former
+    scale : factor for irradiance
+    """
     light = values[LIGHT] * 1.0, values[LIGHT + 1] * 1.0, values[LIGHT + 2] * 1.0
     lamps = values[LIGHT_OF_LAMPS] * scale, values[LIGHT_OF_LAMPS + 1] * scale, values[LIGHT_OF_LAMPS + 2] * scale
     first, second = pack_moments(values, MOMENTS_AT, light)
@@ -28,7 +33,11 @@ def write_record(values: Array, scale: float, out: Array, at: int) -> None:
 
 @inline
 def blend(around: Array, weights: Array, values: Array, size: int, i: int, out: Array) -> None:
-    """Blend the values, `size` per patch, of the patches around splat i."""
+    """Write the weighted mean of the values of the patches near splat i to out[:size].
+
+    around : the AROUND patches near each block; weights : of these for each splat, AROUND each
+    values : flat, `size` for each patch
+    """
     total = f32(0.0)
     for c in range(size):
         out[c] = f32(0.0)
@@ -45,10 +54,13 @@ def blend(around: Array, weights: Array, values: Array, size: int, i: int, out: 
 
 @kernel
 def pack(work: Array, around: Array, weights: Array, values: Array, scale: float, out: Array) -> int:
-    """Blend the values of patches and write records.
+    """Interpolate the light of patches to splats, and encode it as 16-byte records.
 
-    around, weights : see `patches.Blend`; if empty, each record is that of its own patch
-    values : (patches * PER_PATCH,) float32; scale : factor for light; out : (n * RECORD,) int32
+    around, weights : the AROUND patches near each block, and their weights for each splat; if empty, each record is
+        that of its own patch
+    values : (patches * PER_PATCH,) float32: irradiance from surfaces and the sky, irradiance from lights, spherical
+        harmonics
+    scale : factor for irradiance; out : (n * RECORD,) int32
     """
     around, weights, values, out = borrow(around), borrow(weights), borrow(values), borrow(out)
     blended = np.zeros(PER_PATCH, np.float32)

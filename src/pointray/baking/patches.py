@@ -30,9 +30,11 @@ Rows = NDArray[np.int32]
 
 
 class Blend(NamedTuple):
-    """Interpolation of the light of patches to the splats of a tree, in its order.
+    """Interpolation of light from patches (splats that exchange light on behalf of others) to the splats of a tree.
 
-    patch_of : (slots,) int32, the patch that represents each splat; 0 in an empty slot
+    Splats are in the tree's order, unused slots of blocks included.
+
+    patch_of : (slots,) int32, the patch that represents each splat; 0 in an unused slot
     around : (slots / BLOCK_SPLATS, AROUND) int32, the patches blended for the splats of a block
     weights : (slots, AROUND) uint8, their weights for each splat; the sum is not 0
     """
@@ -43,12 +45,13 @@ class Blend(NamedTuple):
 
 
 class PatchSet(NamedTuple):
-    """Patches of one model, in model space relative to the points' origin.
+    """Patches of one model: splats that exchange light on behalf of their neighbours, in model space.
 
-    positions, normals : (m, 3) float32; radii : (m,) float32, support radii of the splats that are patches, or
-        diameters of scattered points: they set where the rays that search for the surface start
-    near : (m, NEAR) int32, neighbours of each patch, padded with -1
-    blends : of the model, then of its levels of detail
+    positions, normals : (m, 3) float32, relative to the points' origin; radii : (m,) float32, support radii of the
+        splats that are patches, or diameters of scattered points: they set where the rays that search for the surface
+        start
+    near : (m, NEAR) int32, nearest other patches of each patch, padded with -1
+    blends : interpolation of light to the splats of the model, then to those of each level of detail
     """
 
     positions: Floats
@@ -59,7 +62,10 @@ class PatchSet(NamedTuple):
 
 
 def splats_of(tree: Tree) -> tuple[Floats, Floats, Floats]:
-    """Return positions (n, 3), normals (n, 3) and radii (n,) of a tree's slots; empty slots lie beyond FAR."""
+    """Return positions (n, 3), normals (n, 3) and support radii (n,) of a tree's splats, in its order, float32.
+
+    Unused slots at the end of blocks have positions beyond FAR.
+    """
     rows = tree.blocks.reshape(-1, BLOCK // 4, 4)
     first = {PX: 0, NX: 3}
     x, n = (rows[:, first[k] : first[k] + 3].transpose(0, 2, 1).reshape(-1, 3) for k in (PX, NX))
@@ -67,7 +73,7 @@ def splats_of(tree: Tree) -> tuple[Floats, Floats, Floats]:
 
 
 def choose_patches(trees: Sequence[Tree], most: int) -> PatchSet:
-    """Choose at most `most` patches of a model, evenly spaced in the order of its tree, in which neighbours are close.
+    """Choose at most `most` splats of a model as patches, evenly spaced in the order of its tree (a kd order).
 
     The density of patches is proportional to that of the splats. The offset varies along the order: the sides of a
     thin wall alternate in it, and with a constant offset one side could get no patches.
@@ -90,10 +96,13 @@ def choose_patches(trees: Sequence[Tree], most: int) -> PatchSet:
 
 
 def blend_for(x: Floats, n: Floats, finder: NeighborTree, positions: Floats, normals: Floats) -> Blend:
-    """Return the interpolation of light from patches at `positions` to splats at x with normals n, in blocks.
+    """Compute how light of patches is interpolated to splats: which patches are blended, and their weights.
 
     Patches are searched once for the four splats of a block, which takes a quarter of the time and memory. If none of
     them faces a splat, as in a thin wall, the nearest patches that face the block's splats are used instead.
+
+    x, n : positions and normals of the splats, (slots, 3), four to a block
+    finder, positions, normals : search tree, positions and normals of the patches, (m, 3)
     """
     blocks, count = x.reshape(-1, BLOCK_SPLATS, 3), min(AROUND, len(positions))
     around = np.zeros((len(blocks), AROUND), np.int32)
@@ -122,9 +131,17 @@ def blend_for(x: Floats, n: Floats, finder: NeighborTree, positions: Floats, nor
 def nearest_blend(
     x: Floats, n: Floats, blend: Blend, patches: tuple[Floats, Floats], count: int
 ) -> tuple[Rows, NDArray[np.uint8]]:
-    """Reduce a blend to its `count` most important patches: (blocks, count) int32, and weights (slots, count) uint8.
+    """Reduce an interpolation to the `count` most important patches of each block; they include that of each splat.
 
-    They include the most important one of each splat. patches : positions and normals
+    x, n : positions and normals of the splats, (slots, 3); patches : positions and normals of the patches, (m, 3)
+    blend : the interpolation, from AROUND patches for each block
+
+    Returns
+    -------
+    (blocks, count) int32
+        The patches.
+    (slots, count) uint8
+        Their weights for each splat.
     """
     weights = blend.weights.astype(np.float32)
     weights /= np.maximum(weights.sum(axis=1, keepdims=True), 1.0)
@@ -139,7 +156,16 @@ def nearest_blend(
 
 
 def _facing(splats: tuple[Floats, Floats], finder: NeighborTree, blocks: NDArray[np.int64], normals: Floats) -> Rows:
-    """Return the nearest patches that face the splats of each block, the same number for each splat, (m, AROUND)."""
+    """Find the nearest patches that face the same way as splats, for blocks where the closest ones do not.
+
+    splats : positions and normals, (slots, 3); finder, normals : search tree and normals of the patches
+    blocks : (m,) the blocks
+
+    Returns
+    -------
+    (m, AROUND) int32
+        For each block AROUND / BLOCK_SPLATS patches for each of its splats.
+    """
     x, n = splats
     slots = blocks[:, None] * BLOCK_SPLATS + np.arange(BLOCK_SPLATS)
     slots = np.where(x[slots, 0] < FAR, slots, slots[:, :1]).reshape(-1)
@@ -154,7 +180,7 @@ def _facing(splats: tuple[Floats, Floats], finder: NeighborTree, blocks: NDArray
 
 
 def _neighbors_within(finder: NeighborTree, positions: Floats) -> Rows:
-    """Return the neighbours of each patch, (m, NEAR), without the patch itself; padded with -1."""
+    """Return the NEAR nearest other patches of each patch, (m, NEAR) int32, padded with -1. positions : (m, 3)"""
     out = np.full((len(positions), NEAR), -1, np.int32)
     for first in range(0, len(positions), PIECE):
         _, near = finder.query(NEAR + 1, positions[first : first + PIECE])
@@ -166,9 +192,12 @@ def _neighbors_within(finder: NeighborTree, positions: Floats) -> Rows:
 
 @inline
 def patch_weight(x: Array, n: Array, i: int, y: Array, m: Array, j: int, width: float) -> float:
-    """Return the weight of patch j at splat i: smaller off the splat's plane, 0 if it faces the opposite way.
+    """Return the weight with which the light of patch j is interpolated to splat i.
 
-    width : length scale of the falloff
+    It falls with distance and off the splat's plane, and is 0 if the patch faces the opposite way.
+
+    x, n : positions and normals of splats, flat; y, m : those of patches
+    width : distance of the farthest patch, the length scale of the falloff
     """
     cosine = square = off = f32(0.0)
     for c in range(3):
@@ -201,10 +230,13 @@ def _solve3(m: Array, b: Vec3) -> Vec3:
 
 @inline
 def _reproduce_linear(x: Array, i: int, y: Array, around: Array, span: tuple[int, int], found: Array, m: Array) -> None:
-    """Adjust the weights in `found` so that the weighted mean of the patches' positions is the splat's position.
+    """Adjust interpolation weights so that the weighted mean of the patches' positions is the position of splat i.
 
     Light that varies linearly across the surface is then interpolated exactly (moving least squares, Lancaster and
-    Salkauskas 1981). span : start in `around`, and number, of the patches; m : scratch memory for 6 numbers
+    Salkauskas 1981).
+
+    x, y : positions of splats and of patches, flat; span : first index and number of the patches in `around`
+    found : their weights, changed in place; m : scratch memory for 6 numbers
     """
     bx = by = bz = total = 0.0
     m[:] = 0.0
@@ -227,7 +259,10 @@ def _reproduce_linear(x: Array, i: int, y: Array, around: Array, span: tuple[int
 
 @inline
 def _width(x: Array, i: int, y: Array, around: Array, span: tuple[int, int]) -> float:
-    """Return the distance from a splat to the farthest of its block's patches. span : see `_reproduce_linear`"""
+    """Return the distance from splat i to the farthest of the patches that are interpolated there.
+
+    x, y : positions of splats and of patches, flat; span : first index and number of the patches in `around`
+    """
     most = f32(1e-30)
     for k in range(span[1]):
         j, square = 3 * around[span[0] + k], f32(0.0)
@@ -247,11 +282,12 @@ def _blend(
     weights: Array,
     patch_of: Array,
 ) -> int:
-    """Compute the weights of the patches around each splat of some blocks.
+    """Compute the weights with which light is interpolated from patches to each splat of some blocks.
 
-    tables : positions and normals of splats, then of patches; flat
-    rows : (m,) int64, the blocks
-    patch_of : set to ~patch, with the patch nearest to the block, if no patch faces the splat
+    tables : positions and normals of splats, then of patches; flat float32
+    rows : (m,) int64, the blocks; around : AROUND patches for each block, of which the first `count` are used
+    weights : uint8, AROUND for each splat, written, 255 for the largest
+    patch_of : int32, written: the patch with the largest weight; ~patch, with the nearest one, if none faces the splat
     """
     x, n, y, m = borrow(tables)
     rows, around, weights, patch_of = borrow(rows), borrow(around), borrow(weights), borrow(patch_of)

@@ -13,7 +13,11 @@ FINE = 4  # colour samples along each side of a cell
 
 
 class Grid(NamedTuple):
-    """Grid of a plane: cells a side, even; centre (u, v) in the plane's axes; half width of its uniform part."""
+    """Grid on a plane whose cells hold its baked light: fine around the scene, coarser far away, unbounded.
+
+    edge : number of cells along each side, even; middle : coordinates (u, v) of the centre along the plane's axes
+    half : half the width of the scene on the plane; half of the cells along each axis lie within that width
+    """
 
     edge: int
     middle: tuple[float, float]
@@ -21,12 +25,16 @@ class Grid(NamedTuple):
 
 
 def from_grid(u: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Apply the inverse of `shade.grid.to_grid`."""
+    """Map grid positions, -1 to 1, to plane coordinates in units of half the scene's width: u / (1 - |u|)."""
     return np.asarray(u / (1.0 - np.abs(u)))
 
 
 def fit_grid(record: NDArray[np.float64], bounds: NDArray[np.float64], edge: int) -> Grid:
-    """Return the grid of a plane, with its uniform part around the scene. record : see `records.PLANE_SIZE`"""
+    """Return a grid for the light on a plane, centred on the scene.
+
+    record : the plane, as in `World.planes`; bounds : (2, 3), box around the scene; edge : number of cells along each
+        side
+    """
     corners = np.stack(np.meshgrid(*bounds.T), axis=-1).reshape(-1, 3) - record[PLANE_POINT : PLANE_POINT + 3]
     axes = np.stack([record[PLANE_U : PLANE_U + 3], record[PLANE_V : PLANE_V + 3]])
     places = corners @ axes.T
@@ -36,7 +44,10 @@ def fit_grid(record: NDArray[np.float64], bounds: NDArray[np.float64], edge: int
 
 
 def grid_positions(record: NDArray[np.float64], grid: Grid, fine: int = 1) -> NDArray[np.float64]:
-    """Return world positions of the cell centres, (edge * edge, 3), or of a raster with fine x fine points per cell."""
+    """Return world positions of the cell centres of a plane's grid, (edge * edge, 3), row by row.
+
+    record : the plane, as in `World.planes`; fine : n for a raster with n x n points per cell, (edge^2 * n^2, 3)
+    """
     steps = from_grid((np.arange(grid.edge * fine) + 0.5) / (grid.edge * fine) * 2.0 - 1.0) * grid.half
     u, v = record[PLANE_U : PLANE_U + 3], record[PLANE_V : PLANE_V + 3]
     along = (steps + grid.middle[0])[None, :, None] * u + (steps + grid.middle[1])[:, None, None] * v
@@ -44,7 +55,10 @@ def grid_positions(record: NDArray[np.float64], grid: Grid, fine: int = 1) -> ND
 
 
 def grid_colors(record: NDArray[np.float64], grid: Grid) -> NDArray[np.float64]:
-    """Return the mean colour of each cell, (edge * edge, 3)."""
+    """Return the mean colour of each cell of a plane's grid, averaged over the checker, (edge * edge, 3).
+
+    record : the plane, as in `World.planes`
+    """
     color = record[PLANE_COLOR : PLANE_COLOR + 3]
     if record[PLANE_CHECKER] <= 0.0:
         return np.broadcast_to(color, (grid.edge**2, 3)).copy()
@@ -58,7 +72,9 @@ def grid_colors(record: NDArray[np.float64], grid: Grid) -> NDArray[np.float64]:
 def grid_neighbors(
     grid: Grid, count: int, middles: NDArray[np.float64], walls: list[NDArray[np.float64]]
 ) -> NDArray[np.int32]:
-    """Return the nearest cells of each cell, in whole rings of equal distance, (edge * edge, count), padded with -1.
+    """Return the nearest cells around each cell of a plane's grid, (edge * edge, count) int32, padded with -1.
+
+    Of cells at the same distance either all are included or none.
 
     middles : (edge * edge, 3), cell centres; walls : records of other planes, across which cells are not neighbours
     """
@@ -78,5 +94,5 @@ def grid_neighbors(
 
 
 def grid_normal(record: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the unit normal of a plane."""
+    """Return the unit normal of a plane, (3,). record : the plane, as in `World.planes`"""
     return record[PLANE_NORMAL : PLANE_NORMAL + 3]

@@ -14,7 +14,10 @@ ALBEDO_SAMPLES = 4096
 
 @inline
 def _reflected(world: World, material: int, color: Vec3) -> Vec3:
-    """Return the fraction of uniform light that a material reflects, as a Monte Carlo sum over directions."""
+    """Return the fraction of light that a material reflects if it arrives uniformly, RGB: a Monte Carlo estimate.
+
+    Mirrors and glass reflect nothing here. material : offset of its record in `world.materials`; color : of the surface
+    """
     total, normal = (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
     if is_specular(world, material):
         return total
@@ -29,7 +32,10 @@ def _reflected(world: World, material: int, color: Vec3) -> Vec3:
 
 @kernel
 def find_reflectances(work: Array, world: World, out: Array) -> int:
-    """Write the albedo of each material for black colour, and its increase for white, (materials * 2,) float64."""
+    """Compute the albedo in uniform light of all materials, which is linear in the surface's colour.
+
+    out : (materials * 2,) float64, written: albedo of a black surface, and how much that of a white one exceeds it
+    """
     world = borrow(world)
     material = next_tile(work)
     while material >= 0:

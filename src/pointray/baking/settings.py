@@ -12,7 +12,9 @@ UNLIMITED_DEPTH = 1000  # bounces if there is no limit
 
 @dataclass(frozen=True)
 class BakeSettings:
-    """Settings of a bake.
+    """Settings of `bake`, which computes the light that arrives at a scene's surfaces after all bounces.
+
+    Patches, a subset of the splats and cells of planes, exchange light with each other.
 
     Parameters
     ----------
@@ -20,16 +22,15 @@ class BakeSettings:
         Rays that each patch sends to find where light arrives from, 1 to 4096. Where these are too few to reach
         `noise`, up to three times as many more are sent.
     max_depth : int, optional
-        Maximum number of scattering events along a light path, as in `Settings`: 1 omits light reflected by
-        surfaces. None for no limit.
+        Maximum number of scattering events along a light path: 1 omits light reflected by surfaces. None for no limit.
     noise : float
-        Target standard error of the irradiance, relative to it.
+        Target standard error of the irradiance, as a fraction of it.
     patches : int, optional
         Approximate number of patches on all instances of models together; planes get half as many more, and surfaces
         lit from behind count twice. Light is interpolated between patches. Default: half the number of splats, at
         least 32,768 and at most 1,048,576.
     memory : int, optional
-        Maximum size of the light in bytes. Full light takes 16 bytes per splat and lit side of every instance, also
+        Maximum size of the result in bytes. Full light takes 16 bytes per splat and lit side of every instance, also
         for levels of detail. If that is too much, the light of some instances is coarser: 16 bytes for each patch, or
         for each 4th, 16th and so on, and 8 bytes per splat of the model, however many instances it has; see
         `Baked.levels`. Default: half of the available memory.
@@ -82,5 +83,5 @@ class BakeSettings:
 
     @property
     def depth(self) -> int:
-        """Maximum number of scattering events."""
+        """Maximum number of scattering events along a light path; UNLIMITED_DEPTH if `max_depth` is None."""
         return UNLIMITED_DEPTH if self.max_depth is None else self.max_depth

@@ -24,10 +24,10 @@ PER_TEXEL = 6  # float32: mean radiance (RGB), and mean of direction times lumin
 
 
 class Sky(NamedTuple):
-    """Sky of a bake.
+    """Sky light of a bake: an octahedral map, and the brightest spots, which are treated as directional lights.
 
-    texels : (SKY_TEXELS, 3) float32, radiance; suns : (n, 3) float64, unit directions to bright spots
-    irradiances : (n, 3) float32, of surfaces that face each bright spot
+    texels : (SKY_TEXELS, 3) float32, radiance without the bright spots
+    suns : (n, 3) float64, unit directions to bright spots; irradiances : (n, 3) float32, of surfaces that face them
     """
 
     texels: NDArray[np.float32]
@@ -37,7 +37,10 @@ class Sky(NamedTuple):
 
 @kernel
 def _average(work: Array, world: World, samples: int, out: Array) -> int:
-    """Average each texel, (texels * PER_TEXEL,) float32, over samples x samples points."""
+    """Average the sky over each texel of the octahedral map, at samples x samples points.
+
+    out : (texels * PER_TEXEL,) float32, written: mean radiance, and mean of direction times luminance
+    """
     world = borrow(world)
     texel = next_tile(work)
     while texel >= 0:
@@ -55,7 +58,7 @@ def _average(work: Array, world: World, samples: int, out: Array) -> int:
 
 
 def sample_sky(world: World) -> Sky:
-    """Return the sky of a world, black if it has none."""
+    """Return the sky of a scene: an octahedral map of radiance, and its brightest spots as directional lights."""
     numbers = np.zeros((SKY_TEXELS, PER_TEXEL), np.float32)
     if world.sky[SKY_KIND] != NO_SKY:
         fine = int(np.ceil(2.0 * world.sky[SKY_WIDTH] / SKY_EDGE))  # about two samples per pixel of an environment map

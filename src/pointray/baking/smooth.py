@@ -21,7 +21,11 @@ CHUNK = 1024
 
 @inline
 def _weight(positions: Array, normals: Array, i: int, j: int, bounds: tuple[float, float]) -> float:
-    """Return the weight of patch j for patch i. bounds : mean inverse hit distance of i; distance of its neighbours"""
+    """Return the weight of neighbour j in the average of patch i: lower with distance, angle and offset from its plane.
+
+    positions, normals : of all patches, flat
+    bounds : mean inverse distance of the surfaces that patch i sees; distance of its farthest neighbour
+    """
     square = off = cosine = 0.0
     for c in range(3):
         d = positions[3 * j + c] - positions[3 * i + c]
@@ -45,12 +49,13 @@ def smooth(
     out: Array,
     count_of: Array,
 ) -> int:
-    """Average the values of the patches of one side with those of their neighbours.
+    """Reduce noise: average the values of the patches of one side of an instance with those of their neighbours.
 
-    places : positions, normals, mean inverse distances, and trust, (patches,) float32, 0 for patches without values
+    places : positions, normals, mean inverse distances of the surfaces that patches see, and trust, (patches,) float32,
+        0 for patches without values
     near : (count * each,) int32, neighbours within the side, padded with -1
     span : first patch of the side, number of patches, neighbours per patch, values per patch
-    count_of : (patches,) float32, the effective number of patches averaged
+    values, out : flat, of all patches; count_of : (patches,) float32, written, the effective number of patches averaged
     """
     positions, normals, nearness, trust = borrow(places)
     near, values, out, count_of = borrow(near), borrow(values), borrow(out), borrow(count_of)

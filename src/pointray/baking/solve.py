@@ -28,10 +28,11 @@ Floats = NDArray[np.float32]
 
 
 class ArrivingLight(NamedTuple):
-    """Light that arrives at the patches.
+    """Light that arrives at n patches after all bounces.
 
     direct, indirect : (n, 3) float32, irradiance from lights; from surfaces and the sky
-    facts : (n, FACTS) float32, see `bounces.FACTS`
+    facts : (n, FACTS) float32, about the indirect light: spherical harmonics that store its directional distribution,
+        fraction of the sky that is visible, variance, see `bounces.FACTS`
     """
 
     direct: Floats
@@ -40,17 +41,18 @@ class ArrivingLight(NamedTuple):
 
 
 def lamp_radiances(world: World) -> NDArray[np.float64]:
-    """Return the radiance of each light that rays can hit, (lights, 3); black for other lights."""
+    """Return the radiance of each area light, (lights, 3) RGB; black for other lights."""
     records = world.lights.reshape(-1, rec.LIGHT)
     seen = np.isin(records[:, rec.LIGHT_KIND], (rec.RECT_LIGHT, rec.DISK_LIGHT, rec.SPHERE_LIGHT))
     return np.where(seen[:, None], records[:, rec.LIGHT_POWER : rec.LIGHT_POWER + 3], 0.0)
 
 
 class Lights(NamedTuple):
-    """Light that arrives at the patches before any bounce.
+    """Light that arrives at n patches before any bounce.
 
     direct : (n, 3) float32, irradiance from lights other than sky and emissive surfaces
-    sky : texels and bright spots; cosines : (n, suns) float32, of patches to bright spots, 0 if occluded
+    sky : radiance of the sky, and its bright spots, which are treated as directional lights
+    cosines : (n, suns) float32, of the angles between normals and bright spots, 0 if occluded
     """
 
     direct: Floats
@@ -59,13 +61,21 @@ class Lights(NamedTuple):
 
 
 def find_lights(world: World, sky: Sky, transport: Transport) -> Lights:
-    """Find the light that patches receive from the lights of this world, and the links that lamps block."""
+    """Compute the light that arrives at patches before any bounce.
+
+    It also finds which links (rays from patches to sources of light) area lights block.
+
+    sky : of this world; transport : the patches and their links
+    """
     transport.find_hidden_links(world)
     return Lights(transport.find_direct(world), sky, transport.find_suns(world, sky.suns))
 
 
 def solve(world: World, transport: Transport, settings: BakeSettings, seen: Lights) -> ArrivingLight:
-    """Return the light of this world's lights after all bounces."""
+    """Propagate light between patches until it converges: return the light that arrives at them after all bounces.
+
+    transport : the patches and their links (rays to sources of light); seen : light before any bounce
+    """
     n, threads, (lights, sky, cosines) = len(transport), settings.threads, seen
     suns = cosines @ sky.irradiances
     direct = transport.fill_untrusted(lights + suns)
@@ -100,7 +110,11 @@ def solve(world: World, transport: Transport, settings: BakeSettings, seen: Ligh
 
 
 def _moments_of(cosines: Floats, sky: Sky, even: Floats) -> Floats:
-    """Return the moments of the bright spots of the sky, see `bounces.FACTS`. even : (n, 8), harmonics of normals"""
+    """Return what the bright spots of the sky add to the patches' spherical harmonics of arriving light, (n, SEES_SKY).
+
+    cosines : (n, suns), of patches to bright spots, 0 if occluded
+    even : (n, 8), harmonics (bands 1 and 2) of the patches' normals, from which those of uniform light follow
+    """
     out = np.zeros((len(cosines), SEES_SKY), np.float32)
     even = even * np.repeat(np.array([2 / 3, 1 / 4], np.float32), [3, 5])  # moments of uniform light times the cosine
     for k, (light, suns) in enumerate(zip(sky.irradiances, _bands(sky.suns), strict=True)):
@@ -112,14 +126,18 @@ def _moments_of(cosines: Floats, sky: Sky, even: Floats) -> Floats:
 
 
 def _bands(directions: NDArray[Any]) -> Floats:
-    """Return the spherical harmonics of bands 1 and 2 for unit directions, (n, 8)."""
+    """Return the eight spherical harmonics of bands 1 and 2 for unit directions, (n, 8) float32. directions : (n, 3)"""
     return np.asarray(harmonics(directions.astype(np.float32))[1:].T)
 
 
 def _gather_light(
     transport: Transport, light: Floats, lamps: NDArray[np.float64], every: int, indirect: Floats, threads: int | None
 ) -> None:
-    """Compute the irradiance of all patches from their links, or from one link in `every`."""
+    """Compute the irradiance that arrives at all patches along their links, rays to sources of light.
+
+    light : radiance of sky texels and patches, flat; lamps : radiance of lights, flat
+    every : follow one link in `every`, which is faster and noisier; indirect : (n, 3), overwritten with the irradiance
+    """
     indirect[:] = 0.0
     for part in transport.links:
         few = every if part.parts[1] % every == 0 else 1
@@ -128,7 +146,10 @@ def _gather_light(
 
 
 def _is_settled(change: float, before: float, total: float) -> bool:
-    """Return whether the omitted bounces, a geometric series, hold less than EXACT of the light."""
+    """Return whether the bounces still to come, estimated as a geometric series, hold less than EXACT of the light.
+
+    change, before : total change of radiance in this bounce and in the one before; total : radiance
+    """
     if change == 0.0:
         return True
     ratio = change / before if before > 0.0 else 1.0
@@ -136,7 +157,15 @@ def _is_settled(change: float, before: float, total: float) -> bool:
 
 
 def smoothed(transport: Transport, arrived: ArrivingLight, threads: int | None) -> tuple[ArrivingLight, Floats]:
-    """Return the light with less noise, and the effective number of patches averaged for each patch."""
+    """Reduce the noise of light at patches by averaging over similar neighbours.
+
+    Returns
+    -------
+    ArrivingLight
+        The light with less noise.
+    (n,) float32
+        Effective number of patches averaged for each patch.
+    """
     values = np.concatenate([arrived.indirect, arrived.facts], axis=1)
     trust = transport.trusted.astype(np.float32)
     places = transport.positions.reshape(-1), transport.normals.reshape(-1), transport.nearness, trust

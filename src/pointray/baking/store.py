@@ -31,9 +31,10 @@ Floats = NDArray[np.float32]
 
 
 class SplatLight(NamedTuple):
-    """Light that arrives at one side of a model's splats, in the order of its tree.
+    """Light that arrives at one side of a model's n splats, in the order of its tree.
 
-    direct, indirect : (n, 3) float32, W/m2; sky : (n,) float32, fraction of the sky visible from the front
+    direct, indirect : (n, 3) float32, W/m2, from lights; from surfaces and the sky
+    sky : (n,) float32, fraction of the sky visible from the front
     """
 
     direct: Floats
@@ -42,7 +43,13 @@ class SplatLight(NamedTuple):
 
 
 def blend_of(side: Side, level: int) -> tuple[NDArray[np.int32], NDArray[np.uint8], int]:
-    """Return patches and weights that a side's records are blended from at a level of detail, and their number."""
+    """Return how the light of a side's patches is interpolated to its splats: (patches, weights, number of splats).
+
+    Each block has AROUND patches, each splat as many weights, both flat. For a plane both are empty, and the number is
+    that of its cells, which are the patches themselves.
+
+    level : level of detail of the model, 0 for the model itself
+    """
     patches = side.surface.patches
     if isinstance(patches, Grid):
         return NO_BLEND, NO_BLEND.view(np.uint8), side.size
@@ -53,9 +60,12 @@ def blend_of(side: Side, level: int) -> tuple[NDArray[np.int32], NDArray[np.uint
 def make_records(
     side: Side, level: int | Spread, arrived: ArrivingLight, unit: float, threads: int | None
 ) -> NDArray[np.int32]:
-    """Return the records of a side, (n, RECORD): for each slot of its model's tree, or for each cell of its plane.
+    """Encode the light of a side of an instance as 16-byte records, (n, RECORD) int32.
 
-    level : level of detail, 0 for the model; or the spread of coarser light, for records of its knots
+    There is one for each splat in the order of the model's tree, for each cell of a plane, or fewer for coarser light.
+
+    level : level of detail, 0 for the model itself; or the interpolation of coarser light, for its records
+    arrived : light at all patches; unit : W/m2 of irradiance 1.0 in a record
     """
     moments = arrived.facts[side.span, GRAY:SEES_SKY]
     values = np.concatenate([arrived.indirect[side.span], arrived.direct[side.span], moments], axis=1)
@@ -70,7 +80,7 @@ def make_records(
 
 
 def at_splats(side: Side, values: Floats) -> Floats:
-    """Interpolate values of a side's patches, (count, k), to the slots of its model, (n, k)."""
+    """Interpolate values of the patches of an instance's side, (size, k), to the splats of its model, (n, k)."""
     around, weights, n = blend_of(side, 0)
     around = np.repeat(around.reshape(-1, AROUND), BLOCK_SPLATS, axis=0)
     shares = weights.reshape(n, AROUND).astype(np.float32)
@@ -79,12 +89,12 @@ def at_splats(side: Side, values: Floats) -> Floats:
 
 
 def no_light(n: int) -> SplatLight:
-    """Return the light of a back side that is black."""
+    """Return zero light at n splats: that of a back side which was not baked because it is nearly dark."""
     return SplatLight(np.zeros((n, 3), np.float32), np.zeros((n, 3), np.float32), np.zeros(n, np.float32))
 
 
 def from_patches(side: Side, arrived: ArrivingLight) -> SplatLight:
-    """Return the light that arrives at the splats of a side's model."""
+    """Interpolate the light at the patches of an instance's side to the splats of its model, in their order."""
     sky = arrived.facts[side.span, SEES_SKY : SEES_SKY + 1]
     out = at_splats(side, np.concatenate([arrived.direct[side.span], arrived.indirect[side.span], sky], axis=1))
     return SplatLight(out[:, :3], out[:, 3:6], out[:, 6])
@@ -93,9 +103,10 @@ def from_patches(side: Side, arrived: ArrivingLight) -> SplatLight:
 def from_records(
     records: NDArray[np.int32], unit: float, sky: NDArray[np.uint16], blocks: NDArray[np.int32] | None
 ) -> SplatLight:
-    """Return the light at a model's splats from its records, accurate to 1/256 of the brightest channel.
+    """Decode the light at a model's splats from its 16-byte records, accurate to 1/256 of the brightest channel.
 
-    sky : see `sky_visibility`; blocks : the spread of coarser light, or None
+    unit : W/m2 of irradiance 1.0 in a record; sky : (records,), visible fraction of the sky in 65535ths
+    blocks : (blocks * SPREAD,), interpolation of coarser light to the splats; None for a record per splat
     """
     unpack = cast(Any, uncompiled(unpack_rgbe))
     codes = [np.stack(unpack(records[:, k]), axis=1) for k in (DIRECT, INDIRECT)]
@@ -110,9 +121,12 @@ def from_records(
 def sky_visibility(
     sides: dict[tuple[int, int], Side], arrived: ArrivingLight, spreads: dict[int, Spread]
 ) -> dict[int, NDArray[np.uint16]]:
-    """Return the fraction of the sky visible from the front of each model's splats, or knots, by instance number.
+    """Return the fraction of the sky visible from the front of each model's splats, by instance number.
 
-    Fractions are in units of 1 / SKY_STEPS, as in a file. sides : by instance number and sign
+    Values are uint16 in 65535ths, as in a file: one for each splat in the tree's order, or for each record of coarser
+    light.
+
+    sides : sides that receive light, by instance number and sign; spreads : interpolation of coarser light
     """
 
     def seen(side: Side, spread: Spread | None) -> Floats:
@@ -129,7 +143,10 @@ def sky_visibility(
 
 
 def at_points(model: Model, values: Floats) -> Floats:
-    """Return values at the points of a model, given those at its slots; NaN at points without a splat."""
+    """Reorder values of splats, (slots, ...) in the tree's order, to the order of the model's points, (n, ...).
+
+    NaN at points without a splat.
+    """
     used = model.tree.order >= 0
     out = np.full((len(model.points), *values.shape[1:]), np.nan, np.float32)
     out[model.tree.order[used]] = values[used]
@@ -137,6 +154,9 @@ def at_points(model: Model, values: Floats) -> Floats:
 
 
 def choose_unit(arrived: ArrivingLight) -> float:
-    """Return W/m2 per 1.0 of the records, so that the brightest light is BRIGHTEST."""
+    """Return the irradiance in W/m2 of 1.0 in a light record, so that the brightest light is stored as BRIGHTEST.
+
+    arrived : light at all patches
+    """
     most = max(float(arrived.indirect.max(initial=0.0)), float(arrived.direct.max(initial=0.0)))
     return most / BRIGHTEST if most > 0.0 else 1.0

@@ -32,9 +32,9 @@ Floats = NDArray[np.float64]
 
 
 class BakeSurface(NamedTuple):
-    """Patches of one instance, shared by its front and back.
+    """Patches of one instance, shared by its front and back. A patch represents the surface around it.
 
-    instance : row of the instance; patches : `PatchSet` or `Grid`
+    instance : row of the instance; patches : splats of a model (`PatchSet`) or cells of a plane (`Grid`)
     positions : (m, 3) float64, on the surface, world; normals : (m, 3) float32, unit, of the front, world
     albedo, emitted : (m, 3) float32; lost : (m,) bool, True where no surface was found
     margins : (m,) float32, distance from the surface at which rays start, in the world: the noise smoothed away
@@ -53,7 +53,10 @@ class BakeSurface(NamedTuple):
 def find_surfaces(
     scene: Snapshot, most: int, albedo_scale: float, progress: Progress | None = None
 ) -> list[BakeSurface]:
-    """Divide all instances into about `most` patches in total."""
+    """Divide the models of a scene into about `most` patches, and its planes into about half as many.
+
+    albedo_scale : factor for the colours of points in the albedo of patches
+    """
     world = scene.world
     records = world.instances.reshape(-1, rec.INSTANCE)
     counts, edge = _shares(scene, most)
@@ -83,7 +86,10 @@ def find_surfaces(
 
 
 def _margins(noise: NDArray[np.float32], patches: PatchSet) -> NDArray[np.float32]:
-    """Return the noise that was smoothed away at patches, in model units, (m,)."""
+    """Return the noise that denoising removed at each patch, (m,) in model units, by which its rays are offset.
+
+    noise : (blocks,), standard deviation; empty if the points were not denoised
+    """
     out = np.zeros(len(patches.positions), np.float32)
     if noise.size:
         out[patches.blends[0].patch_of] = np.repeat(noise, 4)
@@ -91,13 +97,19 @@ def _margins(noise: NDArray[np.float32], patches: PatchSet) -> NDArray[np.float3
 
 
 def _model_scale(record: Floats, normals: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the scale from world lengths to lengths in an instance's model, along normals, (m,)."""
+    """Return how many units of an instance's model one world unit is, along each of m world normals, (m,).
+
+    record : the instance, as in `World.instances`
+    """
     to_model = record[rec.TO_MODEL :][:12].reshape(3, 4)[:, :3]
     return np.maximum(np.linalg.norm(normals @ to_model.T, axis=1), 1e-30).astype(np.float32)
 
 
 def with_materials(scene: Snapshot, surfaces: list[BakeSurface], albedo_scale: float) -> list[BakeSurface]:
-    """Return the same surfaces with the current materials and colours of the scene."""
+    """Return the same surfaces with albedo and emission of the scene's current materials and colours.
+
+    albedo_scale : factor for the colours of points
+    """
     records = scene.world.instances.reshape(-1, rec.INSTANCE)
     out = []
     for surface in surfaces:
@@ -110,7 +122,7 @@ def with_materials(scene: Snapshot, surfaces: list[BakeSurface], albedo_scale: f
 
 
 def with_levels(scene: Snapshot, surfaces: list[BakeSurface]) -> list[BakeSurface]:
-    """Return the same surfaces with interpolation for the current levels of detail of their models."""
+    """Return the same surfaces with light interpolated to the splats of the models' current levels of detail."""
     records, sets, out = scene.world.instances.reshape(-1, rec.INSTANCE), {}, []
     for surface in surfaces:
         if not isinstance(surface.patches, Grid):
@@ -128,7 +140,10 @@ def _plane_of(world: World, record: Floats) -> Floats:
 
 
 def _shaded(scene: Snapshot, surfaces: list[BakeSurface], albedo_scale: float) -> list[BakeSurface]:
-    """Return surfaces with albedo and emission, given surfaces whose `albedo` holds the surface's own colours."""
+    """Compute the albedo and emission of patches from the materials of their instances.
+
+    surfaces : with the points' or the plane's own colours in `albedo`; albedo_scale : factor for the colours of points
+    """
     world = scene.world
     records = world.instances.reshape(-1, rec.INSTANCE)
     reflectances = np.zeros(world.materials.size // rec.MATERIAL_SIZE * 2)
@@ -153,7 +168,10 @@ def _shaded(scene: Snapshot, surfaces: list[BakeSurface], albedo_scale: float) -
 
 
 def _shares(scene: Snapshot, most: int) -> tuple[list[int], int]:
-    """Return the number of patches of each model, and the number of cells along each side of planes' grids."""
+    """Return (number of patches for each model, number of cells along each side of a plane's grid).
+
+    most : approximate number of patches on all instances of models
+    """
     records = scene.world.instances.reshape(-1, rec.INSTANCE)
     planes = int((records[:, rec.KIND] != rec.MODEL).sum())
     edge = int(np.clip(np.sqrt(most * PLANES_SHARE / max(planes, 1)), LEAST_EDGE, MOST_EDGE))
@@ -168,7 +186,10 @@ def _shares(scene: Snapshot, most: int) -> tuple[list[int], int]:
 
 
 def coarser(surfaces: list[BakeSurface], most: int) -> list[BakeSurface]:
-    """Reduce each surface to at most `most` patches, every k-th of them; patches of models have no neighbours then."""
+    """Reduce each surface to at most `most` patches, every k-th of them, for a quick rough solution.
+
+    Patches of models then have no neighbours, over which noise is averaged.
+    """
     out = []
     for surface in surfaces:
         if isinstance(surface.patches, Grid):
@@ -188,13 +209,13 @@ def coarser(surfaces: list[BakeSurface], most: int) -> list[BakeSurface]:
 
 
 def _selected(surface: BakeSurface, rows: NDArray[np.int64], patches: PatchSet | Grid) -> BakeSurface:
-    """Return a surface with some of its patches."""
+    """Return a surface with some of its patches. rows : (m,) their indices; patches : their description"""
     arrays = [getattr(surface, name)[rows] for name in ("positions", "normals", "albedo", "emitted", "lost", "margins")]
     return BakeSurface(surface.instance, patches, *arrays)
 
 
 def around(scene: Snapshot) -> Floats:
-    """Return bounds of models and positioned lights, (2, 3); -1 to 1 if there are only planes."""
+    """Return the box around models and lights with a position, (2, 3); -1 to 1 if there are only planes and suns."""
     world = scene.world
     boxes = scene.boxes[world.instances.reshape(-1, rec.INSTANCE)[:, rec.KIND] == rec.MODEL].reshape(-1, 2, 3)
     lights = world.lights.reshape(-1, rec.LIGHT)
@@ -207,7 +228,15 @@ def around(scene: Snapshot) -> Floats:
 def _all_on_surface(
     world: World, row: int, patches: PatchSet
 ) -> tuple[Floats, NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_]]:
-    """Call `_on_surface` on PIECE patches at a time, to limit the memory of its rays."""
+    """Project the patches of an instance onto its surface, PIECE of them at a time, to limit the memory of the rays.
+
+    row : of the instance
+
+    Returns
+    -------
+    (m, 3) float64, (m, 3) float32, (m, 3) float32, (m,) bool
+        World positions, unit world normals, colours, and True where no surface was found.
+    """
     m = len(patches.positions)
     out = np.empty((m, 3)), np.empty((m, 3), np.float32), np.empty((m, 3), np.float32), np.empty(m, np.bool_)
     for first in range(0, m, PIECE):
@@ -222,7 +251,15 @@ def _all_on_surface(
 def _on_surface(
     world: World, row: int, patches: PatchSet
 ) -> tuple[Floats, NDArray[np.float32], Floats, NDArray[np.bool_]]:
-    """Project an instance's patches onto its surface: positions, normals, colours, and which found no surface."""
+    """Project the patches of an instance onto its surface, with rays from a little above each patch along its normal.
+
+    row : of the instance
+
+    Returns
+    -------
+    (m, 3) float64, (m, 3) float32, (m, 3) float64, (m,) bool
+        World positions, unit world normals, colours, and True where no surface was found.
+    """
     to_model = world.instances[row * rec.INSTANCE + rec.TO_MODEL :][:12].reshape(3, 4)
     to_world = np.linalg.inv(to_model[:, :3])
     splats = (patches.positions - to_model[:, 3]) @ to_world.T
@@ -243,7 +280,11 @@ def _on_surface(
 
 
 def find_targets(surfaces: list[BakeSurface], firsts: dict[tuple[int, int], int]) -> Targets:
-    """Return the tables that map a hit to a patch. firsts : first patch by (instance row, sign), else dark"""
+    """Return the tables that map a ray's hit to the patch that represents it.
+
+    firsts : index of the first patch of each lit side, by row of the instance and sign (1 front, -1 back); other sides
+        are dark
+    """
     rows = np.zeros((len(surfaces), TARGET), np.int64)
     frames = np.zeros((len(surfaces), rec.BAKED_FRAME))
     tables: list[NDArray[np.int32]] = []

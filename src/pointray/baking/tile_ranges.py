@@ -25,7 +25,10 @@ MOST_BYTES = 1 << 23  # result of a range, which is returned in one message
 
 
 class SharedPatches(NamedTuple):
-    """Data that all tile ranges need, sent once to each worker. positions, normals : see `Patches`"""
+    """Data that all jobs of a bake need, sent once to each worker: all patches, and tables from hits to patches.
+
+    positions : (n * 3,) float64, world; normals : (n * 3,) float32, pointing to the side that receives light
+    """
 
     positions: Array
     normals: Array
@@ -33,13 +36,13 @@ class SharedPatches(NamedTuple):
 
 
 class TileRange(NamedTuple):
-    """Range of tiles.
+    """Part of the rays of a bake that one job on a worker sends: a range of tiles, each of up to 64 patches.
 
-    rays : see `gather.Rays`
-    tiles : (k * ONE_TILE,) int64, with the row numbers of the whole
-    rows : (m,) int32, of these tiles; begin : index of the first of them among all rows
-    sizes : of the arrays of `Found` for all rows
-    row_count : number of all rows
+    rays : kind and parameters of the rays
+    tiles : (k * ONE_TILE,) int64, first index, number of patches and side of each tile, see `gather.Patches`
+    rows : (m,) int32, the patches of these tiles; begin : index of the first of them among those of all ranges
+    sizes : lengths of the arrays of results (`gather.Found`) for all ranges
+    row_count : number of patches of all ranges
     """
 
     rays: Rays
@@ -51,18 +54,22 @@ class TileRange(NamedTuple):
 
     @property
     def spans(self) -> list[slice]:
-        """Slices of the arrays of `Found` that belong to these rows."""
+        """Slices that belong to this range, one for each array of results (`gather.Found`) of all ranges."""
         widths = [size // self.row_count for size in self.sizes]
         return [slice(self.begin * width, (self.begin + len(self.rows)) * width) for width in widths]
 
 
 def share_patches(patches: Patches, targets: Targets) -> SharedValue:
-    """Return the data that is sent once to each worker."""
+    """Wrap the patches and the tables that map a hit to a patch as a value that is sent once to each worker."""
     return SharedValue("patches of a bake", SharedPatches(patches.positions, patches.normals, targets))
 
 
 def cut(patches: Patches, rays: Rays, found: Found, workers: dict[str, int]) -> list[TileRange]:
-    """Divide the tiles into ranges. workers : number of threads by worker"""
+    """Divide the tiles of patches into ranges that are sent to workers as jobs.
+
+    rays : kind and parameters of the rays; found : empty results, which give their size; workers : threads of each, by
+        name
+    """
     tiles, row_count = patches.tiles.reshape(-1, ONE_TILE), len(patches.rows)
     least = FEWEST_TILES * max(workers.values(), default=1)
     bytes_of_all = sum(array.nbytes for array in found)
@@ -84,7 +91,10 @@ def _sizes(found: Found) -> tuple[int, ...]:
 def send_ranges(
     executor: Executor, shared: SharedValue, ranges: Sequence[TileRange], found: Found, progress: Progress | None
 ) -> None:
-    """Send the rays of all ranges through an executor, and fill `found`."""
+    """Send the rays of all tile ranges through an executor, and write their results to `found`.
+
+    shared : patches and tables that all ranges need
+    """
     jobs = deque(
         Job(f"bake {k}/{len(ranges)}", send_tile_range, (tile_range,), (shared,))
         for k, tile_range in enumerate(ranges, 1)
@@ -104,7 +114,7 @@ def send_ranges(
 def send_tile_range(
     scene: Snapshot, tile_range: TileRange, shared: SharedPatches, threads: int, progress: Progress
 ) -> list[NDArray[np.generic]]:
-    """Send the rays of a range on a worker; return its part of each array of `Found`."""
+    """Send the rays of a range of patches on a worker; return its part of each array of results (`Found`)."""
     positions, normals, (target_rows, patch_of, frames) = shared
     targets = Targets(_kernel_ready(target_rows), _kernel_ready(patch_of), _kernel_ready(frames))
     rows = np.zeros(tile_range.row_count, np.int32)
@@ -119,5 +129,5 @@ def send_tile_range(
 
 
 def _kernel_ready(array: Array) -> Array:
-    """Return an array that kernels accept: arrays from messages may be misaligned or read-only."""
+    """Return an aligned, contiguous and writable array, as kernels require; those from messages may not be."""
     return np.require(array, requirements=["A", "C", "W"])

@@ -32,9 +32,11 @@ Floats = NDArray[np.float32]
 
 
 class Side(NamedTuple):
-    """One side of a surface, with the patches first to first + size.
+    """Front or back of an instance, which receives light at patches first to first + size - 1 of a `Transport`.
 
-    sign : 1 for the side of the normals, or -1; near : (size, NEAR) int32, neighbours within the side, padded with -1
+    surface : geometry and colours of the patches, shared by both sides; sign : 1 for the front, to which normals point,
+        -1 for the back
+    near : (size, NEAR) int32, neighbours of each patch, as indices within the side, padded with -1
     """
 
     surface: BakeSurface
@@ -45,19 +47,25 @@ class Side(NamedTuple):
 
     @property
     def span(self) -> slice:
-        """Slice of its patches."""
+        """Slice of the side's patches among those of all sides."""
         return slice(self.first, self.first + self.size)
 
 
 class Transport:
-    """All patches of the sides that may be lit, one side after the other, and their links.
+    """All patches of the sides of instances that may be lit, one side after the other, and their links.
+
+    Links are rays from a patch to what it receives light from: other patches, and texels of the sky.
 
     Parameters
     ----------
+    surfaces : list of BakeSurface
+        The patches of each instance.
     lit : list of (int, int)
-        Index of a surface, and sign, for each side.
-    seed, threads : see `BakeSettings`
-    executor : sends the rays; None for this process
+        Index of a surface, and 1 for its front or -1 for its back, for each side.
+    seed, threads : int
+        Of `BakeSettings`.
+    executor : Executor, optional
+        Sends the rays; None for this process.
 
     Attributes
     ----------
@@ -65,10 +73,12 @@ class Transport:
     positions : (n, 3) float64, world; normals : (n, 3) float32, world, pointing to the patch's side
     albedo, emitted : (n, 3) float32
     trusted : (n,) bool
-        Patches with a surface that is not buried. Light of the others is taken from neighbours.
+        False for patches without a surface, or buried: too many rays meet a dark inside. They take light from
+        neighbours.
     links : list of Links
+        What each ray of each patch met, one item for each round of rays.
     nearness : (n,) float32
-        Mean inverse distance of the links' hits.
+        Mean inverse distance of what the rays hit.
     """
 
     def __init__(
@@ -104,16 +114,19 @@ class Transport:
         return len(self.positions)
 
     def release_executor(self) -> None:
-        """Send later rays in this process."""
+        """Stop using the executor, so that later rays are sent in this process."""
         self._executor = self._shared_patches = None
 
     def _concatenate_column(self, name: str, dtype: type) -> NDArray[Any]:
-        """Concatenate a column of all surfaces."""
+        """Concatenate an array of the surfaces, such as "positions", over all sides."""
         parts = [getattr(side.surface, name) for side in self.sides]
         return np.concatenate(parts).astype(dtype, copy=False)
 
     def shared_surfaces(self) -> list[BakeSurface]:
-        """Return the surfaces as views of these arrays, which avoids a second copy. All fronts must be lit."""
+        """Replace the arrays of all surfaces by views of this object's, to save memory, and return the surfaces.
+
+        All fronts must be lit.
+        """
         out = []
         for k, side in enumerate(self.sides):
             arrays = {name: getattr(self, name)[side.span] for name in ("positions", "albedo", "emitted")}
@@ -125,7 +138,7 @@ class Transport:
         return out
 
     def recolor(self, surfaces: list[BakeSurface]) -> None:
-        """Take albedo and emission from the same surfaces with other materials."""
+        """Take albedo and emission of all patches from the same surfaces with other materials."""
         of = {surface.instance: surface for surface in surfaces}
         self.sides = [side._replace(surface=of[side.surface.instance]) for side in self.sides]
         self.albedo, self.emitted = (
@@ -134,7 +147,10 @@ class Transport:
         )
 
     def patches(self, rows: NDArray[np.int32] = NO_INTS) -> Patches:
-        """Return the patches for kernels, with increasing rows to process; no tile has rows of two sides."""
+        """Return all patches as kernels read them, with the given ones divided into tiles of up to 64 of one side.
+
+        rows : (m,) increasing indices of the patches to process
+        """
         of = np.searchsorted([side.first for side in self.sides], rows, side="right") - 1
         begins = np.flatnonzero(np.diff(of, prepend=-1))
         counts = np.diff(np.append(begins, len(rows)))
@@ -151,7 +167,10 @@ class Transport:
         return Patches(starts.reshape(-1), self.normals.reshape(-1), rows, table.reshape(-1))
 
     def send(self, rows: NDArray[np.int32], links: int, progress: Progress | None = None) -> None:
-        """Find `links` more links for some patches; all links of a patch have equal weight."""
+        """Send `links` more rays from some patches, and store what they meet; all rays of a patch have equal weight.
+
+        rows : (m,) increasing indices of the patches
+        """
         kinds = self._world.materials[rec.MATERIAL_KIND :: rec.MATERIAL_SIZE]
         tinted = bool(np.isin(kinds, (rec.MIRROR, rec.DIELECTRIC)).any())
         found = Found(
@@ -178,7 +197,7 @@ class Transport:
             part.share[:] = part.parts[0] * part.parts[1] / sent[part.rows]
 
     def _set_trust(self) -> None:
-        """Find the trusted patches, and the nearest trusted neighbour of each other one."""
+        """Find the patches whose light is valid (`trusted`), and for each other one the nearest trusted neighbour."""
         self.trusted = ~self._lost & (self._inside < BURIED)
         self._untrusted_rows, self._substitute_rows = NO_INTS, NO_INTS
         for side in self.sides:
@@ -191,12 +210,15 @@ class Transport:
             self._substitute_rows = np.concatenate([self._substitute_rows, nearest[some] + side.first])
 
     def fill_untrusted(self, light: Floats) -> Floats:
-        """Replace the light, (n, k), of patches that are not trusted by that of their nearest trusted neighbour."""
+        """Replace the light of patches that are buried or have no surface by that of the nearest valid neighbour.
+
+        light : (n, k), changed in place and returned
+        """
         light[self._untrusted_rows] = light[self._substitute_rows]
         return light
 
     def find_hidden_links(self, world: World) -> None:
-        """Find the links that lamps of this world block."""
+        """Find the links (rays from a patch to a source of light) that the area lights of this world block."""
         patches, lamps = self.patches(), world.lamps.lights.size > 0
         for k, part in enumerate(self.links):
             count = uncompiled(bytes_of)(part.parts[0] * part.parts[1])
@@ -206,14 +228,17 @@ class Transport:
             self.links[k] = part
 
     def find_direct(self, world: World, progress: Progress | None = None) -> Floats:
-        """Return the irradiance of all patches from lights other than sky and emissive surfaces, (n, 3)."""
+        """Send shadow rays: return the irradiance of all patches, (n, 3), without that of sky and emissive surfaces."""
         rows, direct = np.arange(len(self), dtype=np.int32), np.zeros((len(self), 3), np.float32)
         rays = Rays(FIND_DIRECT, (1, 1), self._seed, AREA_SAMPLES, False, NO_SUNS)
         self._run(rows, world, rays, Found(NO_INTS, NO_INTS, NO_FLOATS, direct.reshape(-1)), progress)
         return direct
 
     def find_suns(self, world: World, suns: NDArray[np.float64]) -> Floats:
-        """Return the cosine of all patches to bright spots of the sky, (n, suns); 0 where occluded."""
+        """Return the cosine of each patch's normal to each bright spot of the sky, (n, suns) float32; 0 where occluded.
+
+        suns : (suns, 3), unit directions to the spots
+        """
         rows, seen = np.arange(len(self), dtype=np.int32), np.zeros((len(self), len(suns)), np.float32)
         if len(suns):
             rays = Rays(FIND_SUNS, (1, 1), self._seed, AREA_SAMPLES, False, suns.reshape(-1))
@@ -234,7 +259,10 @@ class Transport:
 
 
 def _count_inside(links: NDArray[np.int32], each: int) -> NDArray[np.int32]:
-    """Return the number of links of each patch that lead to a dark inside."""
+    """Return for each patch how many of its rays met a dark inside, which shows that it is buried.
+
+    links : what each ray met, `each` rays for each patch
+    """
     out = np.empty(len(links) // each, np.int32)
     for first in range(0, len(out), PIECE):
         part = links[first * each : (first + PIECE) * each].reshape(-1, each)
@@ -243,7 +271,10 @@ def _count_inside(links: NDArray[np.int32], each: int) -> NDArray[np.int32]:
 
 
 def _neighbors_of(world: World, surface: BakeSurface) -> NDArray[np.int32]:
-    """Return the neighbours of a surface's patches, (count, NEAR)."""
+    """Return the neighbours of each patch of a surface, (count, NEAR) int32, padded with -1.
+
+    On a plane, cells across another plane are no neighbours.
+    """
     if not isinstance(surface.patches, Grid):
         return surface.patches.near
     planes = world.planes.reshape(-1, rec.PLANE_SIZE)

@@ -11,12 +11,12 @@ Floats = NDArray[np.float32]
 
 
 def check_denoise() -> None:
-    """Raise the error of `denoise` for a missing package."""
+    """Raise ImportError, with instructions, if the package that `denoise` needs is not installed."""
     require("pyoidn", "denoise", "denoising")
 
 
 def denoise(image: Floats, albedo: Floats, normal: Floats) -> None:
-    """Denoise an image; alpha is unchanged.
+    """Denoise a rendered image with Open Image Denoise; alpha is unchanged.
 
     All arrays are modified in place, to save memory.
 
@@ -25,12 +25,14 @@ def denoise(image: Floats, albedo: Floats, normal: Floats) -> None:
     image : (h, w, 4) float32, C-contiguous
         Linear, premultiplied, HDR. Replaced by the result.
     albedo : (h, w, 4) float32, C-contiguous
-        Albedo; clipped to 0 to 1. The fourth component is ignored, as in normal.
+        Albedo of the surface seen in each pixel; clipped to 0 to 1. The fourth component is ignored, as in normal.
     normal : (h, w, 4) float32, C-contiguous
-        Normals; clipped to -1 to 1.
+        Normals of that surface; clipped to -1 to 1.
 
     Raises
     ------
+    ImportError
+        If its package is not installed.
     MemoryError
         If Open Image Denoise runs out of memory.
     RuntimeError

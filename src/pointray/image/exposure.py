@@ -38,16 +38,17 @@ AXES = np.concatenate([np.eye(3), -np.eye(3)])
 
 
 def auto_exposure(image: NDArray[np.floating], curve: str = "srgb", white: float | None = None) -> float:
-    """Return an automatic exposure, in stops.
+    """Return the exposure, in stops, at which an image has medium brightness and few highlights are clipped.
 
     Parameters
     ----------
     image : (h, w, 3) or (h, w, 4) float
         Linear, premultiplied; pixels with alpha below 0.5 are ignored.
     curve : {"srgb", "neutral", "filmic", "soft"}
-        Curve of the display, see `tone`.
+        Tone curve with which the image will be shown.
     white : float, optional
-        Radiance of a white surface in the same light, see `white_under`, which keeps dark surfaces dark. None: unknown.
+        Radiance of a white surface in the same light, see `white_under`, by which dark surfaces are recognized and
+        stay dark. None: unknown.
 
     Returns
     -------
@@ -78,12 +79,14 @@ def auto_exposure(image: NDArray[np.floating], curve: str = "srgb", white: float
 
 
 def white_under(lights: Iterable[Any], integrator: str = "phong") -> float | None:
-    """Return the radiance of a white diffuse surface that faces the lights.
+    """Return the radiance of a white diffuse surface that faces the lights of a scene, for `auto_exposure`.
 
     Parameters
     ----------
     lights : iterable of Light and EnvironmentLight
-    integrator : see `Settings`
+    integrator : str
+        Name of the integrator. "ao" has a uniform white sky in place of the lights, "phong" a headlight if there are no
+        lights.
 
     Returns
     -------
@@ -101,7 +104,12 @@ def white_under(lights: Iterable[Any], integrator: str = "phong") -> float | Non
 
 
 def auto_tone(image: NDArray[np.floating], white: float | None = None) -> tuple[float, str]:
-    """Return an automatic exposure and curve: "soft" if a few bright spots would darken the rest, else "neutral"."""
+    """Return (exposure in stops, curve) for an image; the curve is "soft" or "neutral".
+
+    It is "soft" if a few bright spots would darken the rest.
+
+    white : radiance of a white surface in the same light, which keeps dark surfaces dark; None if unknown
+    """
     curve = "soft" if auto_exposure(image, "soft") - auto_exposure(image, PLAIN) > DARKENED else PLAIN
     return auto_exposure(image, curve, white), curve
 
@@ -109,14 +117,19 @@ def auto_tone(image: NDArray[np.floating], white: float | None = None) -> tuple[
 def tone_of(
     image: NDArray[np.floating], exposure: float | str, curve: str, white: float | None = None
 ) -> tuple[float, str]:
-    """Resolve "auto" for exposure and curve; with a given exposure the automatic curve is "srgb"."""
+    """Return (exposure in stops, curve), where "auto" for either is replaced by a choice for the image.
+
+    With a given exposure the automatic curve is "srgb".
+
+    white : radiance of a white surface in the same light, which keeps dark surfaces dark; None if unknown
+    """
     if exposure != AUTO:
         return float(exposure), "srgb" if curve == AUTO else curve
     return auto_tone(image, white) if curve == AUTO else (auto_exposure(image, curve, white), curve)
 
 
 def _from_suns(suns: list[SunLight]) -> float:
-    """Return the maximum luminance of the irradiance from suns over orientations of a surface.
+    """Return the luminance of the irradiance from suns on a surface that is turned to receive as much as possible.
 
     If only some of them follow the camera, their sum is returned, as the angles between them are unknown.
     """
@@ -133,14 +146,14 @@ def _from_suns(suns: list[SunLight]) -> float:
 
 @lru_cache(maxsize=1)
 def _brightest_side(sky: EnvironmentLight) -> float:
-    """Return the maximum luminance of the irradiance from a sky over the six axis directions."""
+    """Return the largest luminance of a sky's irradiance on surfaces that face one of the six axis directions."""
     irradiance = harmonics(AXES).T @ sky.tables()[4].reshape(9, 3)
     return float((irradiance @ np.array(LUMINANCE)).max())
 
 
 @cache
 def _brightest(curve: str) -> float:
-    """Return the input that a curve maps to WHITE."""
+    """Return the linear value that a tone curve maps to WHITE, above which an image looks overexposed."""
     low, high = 0.0, 100.0
     for _ in range(40):
         middle = 0.5 * (low + high)

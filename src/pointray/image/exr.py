@@ -27,12 +27,15 @@ LINES = 16  # lines of a ZIP-compressed chunk
 
 
 def check_exr(path: Path) -> None:
-    """Raise the error of `write_exr` for a missing package."""
+    """Raise ImportError, with instructions, if the package that `write_exr` needs is not installed."""
     require("OpenEXR", "files", str(path))
 
 
 def channels_of(layers: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """Convert layers, (h, w) or (h, w, k), to channels, (h, w) float32 or uint32, named as in CHANNELS."""
+    """Convert the layers of an image to the channels of an EXR, (h, w) float32 or uint32, such as "normal.X".
+
+    layers : (h, w) or (h, w, k), by the names in CHANNELS; ValueError for another name or number of channels
+    """
     channels = {}
     for name, values in layers.items():
         names = CHANNELS.get(name)
@@ -47,7 +50,10 @@ def channels_of(layers: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
 
 
 def _number(plane: NDArray[Any], name: str) -> NDArray[Any]:
-    """Convert a channel to float32, or integers to uint32, as float32 is inexact above 2^24."""
+    """Convert a channel, (h, w), to float32, or integers to uint32, as float32 is inexact above 2^24.
+
+    -1 becomes 2^32 - 1. name : of its layer, for the message if integers are out of range
+    """
     if plane.dtype.kind == "f":
         with np.errstate(over="ignore"):
             return np.ascontiguousarray(plane, np.float32)
@@ -101,5 +107,5 @@ def _check_whole(path: Path) -> None:
 
 
 def _text(file: IO[bytes]) -> bytes:
-    """Read a string up to the next zero byte."""
+    """Read a zero-terminated string, and return it without the zero."""
     return b"".join(iter(lambda: file.read(1).rstrip(b"\0"), b""))

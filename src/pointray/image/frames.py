@@ -16,7 +16,9 @@ from .write import SHOWN, write_image
 
 
 class Frames:
-    """Numbered images, and a note beside them with their settings and the number of finished frames.
+    """Numbered images of a film, and a JSON note beside them by which an interrupted run continues.
+
+    The note holds the settings of the images and the number of finished frames.
 
     Parameters
     ----------
@@ -37,15 +39,23 @@ class Frames:
 
     @property
     def note(self) -> Path:
-        """Return the path of the note, which is deleted when the film is complete."""
+        """Path of the JSON note with settings and progress, which is deleted when the film is complete."""
         return note_of(self.pattern)
 
     def path(self, k: int) -> Path:
-        """Return the path of a frame's image."""
+        """Return the path of the image of frame k, from 0."""
         return self.pattern.with_name(self.pattern.name % k)
 
     def find(self) -> tuple[list[int], list[str]]:
-        """Return the frames to render, and the names of settings that differ from those of existing frames."""
+        """Find out from the JSON note of an earlier, interrupted run which frames are finished.
+
+        Returns
+        -------
+        list of int
+            Numbers of the frames to render: all if the settings differ.
+        list of str
+            Names of the settings that differ from those of existing frames.
+        """
         try:
             old = json.loads(self.note.read_text())
             settings, done = dict(old["settings"]), int(old["done"])
@@ -58,20 +68,24 @@ class Frames:
         return [k for k in range(self.count) if k >= self._done or not self._complete(k)], []
 
     def begin(self) -> None:
-        """Create the folder, and write the note."""
+        """Create the folder of the images if needed, and write the note with settings and number of finished frames."""
         self.pattern.parent.mkdir(exist_ok=True)
         self._write_note()
 
     def keep(
         self, k: int, image: ArrayLike, exposure: float, curve: str = "srgb", backdrop: Backdrop | None = None
     ) -> None:
-        """Write a frame, and update the note."""
+        """Write the image of frame k, and record in the note that it is finished.
+
+        image : (h, w, 3 or 4), linear; exposure : stops; curve : tone curve
+        backdrop : sRGB colours at the top and the bottom of a gradient behind transparent pixels
+        """
         write_image(self.path(k), image, exposure, curve, backdrop=backdrop)
         self._done = max(self._done, k + 1)
         self._write_note()
 
     def finish(self) -> None:
-        """Delete the note after the last frame."""
+        """Delete the note, after the last frame."""
         self.note.unlink(missing_ok=True)
 
     def _write_note(self) -> None:
@@ -79,7 +93,7 @@ class Frames:
             beside.write(json.dumps({"settings": self._settings, "done": self._done}, indent=1).encode())
 
     def _complete(self, k: int) -> bool:
-        """Return whether the image of a frame exists and is complete."""
+        """Return whether the image of frame k exists, can be decoded, and has the size of the film."""
         try:
             with Image.open(self.path(k)) as picture:
                 picture.load()
@@ -89,12 +103,15 @@ class Frames:
 
 
 def note_of(pattern: Path) -> Path:
-    """Return the path of the note of numbered images."""
+    """Return the path of the JSON note beside numbered images, with settings and progress: pattern + ".json"."""
     return pattern.with_name(f"{pattern.name}.json")
 
 
 def check_pattern(pattern: Path) -> None:
-    """Raise ValueError or OSError if numbered images cannot be written."""
+    """Raise ValueError if a path pattern for numbered images, such as "f_%04d.png", is invalid.
+
+    Raise OSError if images cannot be written there.
+    """
     if not re.fullmatch(r"[^%]*%(0?[1-9])?d[^%]*", pattern.name):
         raise ValueError(f"{pattern}: the name must contain one %d or %04d for the frame number, and no other %")
     if pattern.suffix.lower() not in SHOWN:

@@ -86,7 +86,7 @@ def draw_legend(image: NDArray[Any], attribute: Attribute, beside: bool = False)
 
 
 def _widened(array: NDArray[Any], attribute: Attribute) -> NDArray[Any]:
-    """Append a white strip that is as wide as the legend."""
+    """Append a white strip, in which the attribute's legend fits, at the right of an image, (h, w, 3 or 4)."""
     height, width = array.shape[:2]
     left, _, right, _ = _layer(width, height, attribute).getbbox() or (0, 0, 0, 0)
     strip = right - left + round(max(height / LETTERS, SMALLEST))
@@ -96,14 +96,20 @@ def _widened(array: NDArray[Any], attribute: Attribute) -> NDArray[Any]:
 
 
 def check_legend(attribute: Any, name: str) -> None:
-    """Raise ValueError if it is not an attribute with a range or categories. name : of the parameter"""
+    """Raise ValueError if an attribute has neither a range nor categories, which a legend shows, or is no Attribute.
+
+    name : of the parameter, for messages
+    """
     checked = check_kind(attribute, name, Attribute, "an Attribute")
     if checked.range is None and not checked.values:
         raise ValueError(f"{name}: a legend needs an attribute with a range, such as those of Scene.shown_attributes")
 
 
 def ticks(low: float, high: float, most: int = MOST_TICKS) -> NDArray[np.float64]:
-    """Return at most `most` round numbers from low to high: multiples of 1, 2 or 5 times a power of ten."""
+    """Return at most `most` round numbers from low to high for the ticks of a colour bar.
+
+    They are multiples of 1, 2 or 5 times a power of ten.
+    """
     power = 10.0 ** math.floor(math.log10((high - low) / most))
     for step in (1, 2, 5, 10, 20):
         first, last = math.ceil(low / (step * power) - 1e-9), math.floor(high / (step * power) + 1e-9)
@@ -113,7 +119,7 @@ def ticks(low: float, high: float, most: int = MOST_TICKS) -> NDArray[np.float64
 
 
 def labels(values: NDArray[np.float64]) -> list[str]:
-    """Format round numbers with the same number of decimals, as many as needed."""
+    """Format round numbers for the ticks of a colour bar, all with the same number of decimals, as many as needed."""
     largest = np.abs(values).max() if len(values) else 0.0
     if largest >= 1e7 or 0 < largest < 1e-3:
         return [f"{x:.6g}" for x in values]
@@ -126,9 +132,10 @@ def labels(values: NDArray[np.float64]) -> list[str]:
 
 @dataclass(frozen=True)
 class _Entry:
-    """Text of a legend, its distance from the top of the bar, and the colour of its swatch.
+    """Line of a legend: a tick of the colour bar, or a category.
 
-    color : None for a tick, NO_FIELD without a swatch
+    text : its label; y : distance from the top of the bar or swatches, pixels
+    color : RGB, 0 to 255, of a category's swatch; None for a tick, NO_FIELD without either
     """
 
     text: str
@@ -137,7 +144,10 @@ class _Entry:
 
 
 def _entries(attribute: Attribute, size: float, height: float) -> tuple[list[_Entry], float]:
-    """Return the entries of a legend, and the height of its bar or swatches. size : letter height, pixels"""
+    """Return (lines of an attribute's legend, height of its colour bar or of all swatches in pixels).
+
+    size : height of letters; height : of the image, both in pixels
+    """
     if attribute.values:
         kinds, colors = attribute.values[::-1], category_colors(attribute)[::-1]
         step = max(min(1.5 * size, 0.8 * height / len(kinds)), LEAST_ROW)
@@ -164,7 +174,7 @@ def _entries(attribute: Attribute, size: float, height: float) -> tuple[list[_En
 
 
 def _layer(width: int, height: int, attribute: Attribute) -> Image.Image:
-    """Draw the legend alone onto a transparent image."""
+    """Draw the legend of an attribute at the right of a transparent image of this size, in pixels."""
     size = max(height / LETTERS, SMALLEST)
     entries, length = _entries(attribute, size, height)
     fields = bool(attribute.values) or shows_classes(attribute.colormap)
@@ -201,5 +211,5 @@ def _font(size: float) -> Any:
 
 
 def _fitting(text: str, size: float, width: float) -> Any:
-    """Return a font in which a text is at most `width` wide."""
+    """Return a font of letter height `size`, or smaller if a text would else be wider than `width` pixels."""
     return _font(size * min(1.0, width / max(_font(size).getlength(text), 1.0)))

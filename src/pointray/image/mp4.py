@@ -14,20 +14,30 @@ CRF = "18"  # x264 quality: visually lossless
 
 
 def check_mp4(path: Path) -> None:
-    """Raise ValueError or OSError if an MP4 cannot be written."""
+    """Raise an error if an MP4 cannot be written to a path, before its frames are rendered.
+
+    Raises
+    ------
+    ImportError
+        If imageio-ffmpeg is not installed.
+    OSError
+        If the file or its folder is not writable.
+    """
     require("imageio_ffmpeg", "film", str(path)).get_ffmpeg_exe()
     check_writable(path)
 
 
 def even(size: tuple[int, int]) -> tuple[int, int]:
-    """Return the size of a film, rounded up to even numbers, as chroma is stored for 2 x 2 pixels."""
+    """Return the (width, height) of a film, rounded up to even numbers, as chroma is stored for 2 x 2 pixels."""
     return size[0] + size[0] % 2, size[1] + size[1] % 2
 
 
 def write_mp4(path: Path, pattern: Path, count: int, fps: float, size: tuple[int, int]) -> None:
-    """Encode the first `count` numbered images as H.264, yuv420p.
+    """Encode the first `count` numbered images as an MP4 film: H.264, yuv420p.
 
     Odd sides are extended by a copy of the last row or column. OSError contains the error of ffmpeg.
+
+    pattern : path of the images, with `%d` or `%04d` for the number; fps : frames per second; size : width, height
     """
     width, height = even(size)
     filters = [
@@ -51,7 +61,7 @@ def write_mp4(path: Path, pattern: Path, count: int, fps: float, size: tuple[int
 
 
 def _check_whole(path: Path) -> None:
-    """Raise OSError if a film is truncated: boxes do not end with the file, or a required box is missing."""
+    """Raise OSError if an MP4 is truncated: boxes do not end with the file, or a required box is missing."""
     end, offset, kinds = path.stat().st_size, 0, set()
     with path.open("rb") as file:
         while offset < end:

@@ -26,14 +26,21 @@ _FIRST, _LAST = (int(np.array(x).view(np.int32)) >> SHIFT for x in (DARKEST, BRI
 
 @cache
 def _table(curve: str) -> Rgb8:
-    """Return 8-bit sRGB values of a curve, for inputs from DARKEST to BRIGHTEST."""
+    """Return the table that `to_8bit` looks up: 8-bit sRGB values of a tone curve for inputs from DARKEST to BRIGHTEST.
+
+    The index is made of exponent and leading mantissa bits of the input.
+    """
     middles = ((np.arange(_FIRST, _LAST, dtype=np.int32) << SHIFT) + (1 << (SHIFT - 1))).view(np.float32)
     return np.rint(linear_to_srgb(tone(middles, 0.0, curve)) * 255).astype(np.uint8)
 
 
 @kernel
 def _to_8bit(work: Array, image: Array, backdrop: Array, gain: float, table: Array, out: Array) -> int:
-    """Convert an image over a backdrop to (h, w, 3) uint8."""
+    """Composite an image over a backdrop and convert it to 8-bit sRGB, in blocks of rows.
+
+    image : (h, w, 4) float32, linear, premultiplied; backdrop : (h, 3) float32, linear, one colour a row
+    gain : factor of the exposure; table : see `_table`; out : (h, w, 3) uint8
+    """
     image, backdrop, table, out = borrow(image), borrow(backdrop), borrow(table), borrow(out)
     height, width = image.shape[:2]
     block = next_tile(work)
@@ -51,7 +58,12 @@ def _to_8bit(work: Array, image: Array, backdrop: Array, gain: float, table: Arr
 
 
 def _before(curve: str, shown: Floats) -> Floats:
-    """Invert a curve, up to BRIGHT: beyond, curves that only approach white would give jagged edges."""
+    """Return the linear values that a tone curve maps to `shown`, so that the curve leaves a backdrop unchanged.
+
+    Values are limited to BRIGHT: beyond, curves that only approach white would give jagged edges.
+
+    shown : values after the curve, any shape
+    """
     if curve == "srgb":
         return shown.copy()
     x = np.geomspace(DARKEST, BRIGHTEST, 4096, dtype=np.float32)
@@ -61,7 +73,7 @@ def _before(curve: str, shown: Floats) -> Floats:
 def to_8bit(
     image: NDArray[np.float32], backdrop: ArrayLike = (0.0, 0.0, 0.0), exposure: float = 0.0, curve: str = "srgb"
 ) -> Rgb8:
-    """Convert a rendered image to 8-bit sRGB.
+    """Convert a rendered image to 8-bit sRGB by a table, fast enough for each frame of the viewer.
 
     Parameters
     ----------
@@ -69,8 +81,10 @@ def to_8bit(
         Linear, premultiplied.
     backdrop : (3,) or (h, 3) float
         Linear colour behind the image, or behind each row; not changed by the curve.
-    exposure, curve
-        See `image.tone.tone`.
+    exposure : float
+        In stops; each doubles the light.
+    curve : {"srgb", "neutral", "filmic", "soft"}
+        Tone curve, which sets the treatment of highlights.
 
     Returns
     -------

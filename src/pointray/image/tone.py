@@ -22,7 +22,7 @@ Backdrop = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 
 def linear_to_srgb(linear: NDArray[np.floating[Any]]) -> Floats:
-    """Convert linear values, clipped to 0..1, to sRGB (IEC 61966-2-1), float32; any shape."""
+    """Convert linear values, clipped to 0..1, to sRGB from 0 to 1 (IEC 61966-2-1), float32; any shape."""
     x = np.clip(linear, 0, 1).astype(np.float32)
     curve: Floats = np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
     return curve
@@ -42,7 +42,7 @@ _TABLE = _decode(np.arange(256) / 255)
 
 
 def check_backdrop(backdrop: Any) -> Backdrop:
-    """Return validated sRGB colours, above and below."""
+    """Validate a backdrop from the caller: return two sRGB colours, 0 to 1, at the top and the bottom of a gradient."""
     colors = check_numbers(backdrop, "backdrop", "two sRGB colours, above and below").astype(np.float64)
     if colors.shape != (2, 3) or not ((colors >= 0) & (colors <= 1)).all():
         raise wrong("backdrop", "two sRGB colours, above and below, from 0 to 1", backdrop)
@@ -51,14 +51,14 @@ def check_backdrop(backdrop: Any) -> Backdrop:
 
 
 def backdrop_rows(backdrop: Backdrop, height: int) -> Floats:
-    """Return the linear colours of an sRGB gradient from top to bottom, (height, 1, 3)."""
+    """Return the linear colour of each row of a vertical gradient between two sRGB colours, (height, 1, 3)."""
     above, below = (np.array(color, np.float64) for color in backdrop)
     share = ((np.arange(height) + 0.5) / height)[:, None, None]
     return srgb_to_linear(above + share * (below - above))
 
 
 def filmic(linear: Floats) -> Floats:
-    """Apply a filmic curve, linear 0..inf to linear 0..1, which maps 1 to 0.80.
+    """Apply a filmic tone curve, linear 0..inf to linear 0..1, which maps 1 to 0.80; any shape.
 
     References
     ----------
@@ -70,7 +70,9 @@ def filmic(linear: Floats) -> Floats:
 
 
 def neutral(linear: Floats) -> Floats:
-    """Apply a curve with toe and shoulder, linear in between: 0.02 to 0.01, 0.2 to 0.19, 1 to 0.90, inf to 1.
+    """Apply a tone curve with toe and shoulder to linear values; any shape.
+
+    In between it is linear. It maps 0.02 to 0.01, 0.2 to 0.19, 1 to 0.90, and infinity to 1.
 
     References
     ----------
@@ -87,7 +89,9 @@ def neutral(linear: Floats) -> Floats:
 
 
 def soft(linear: Floats) -> Floats:
-    """Apply a curve that preserves shadows and compresses highlights increasingly: 1 to 0.5, 16 to 1.
+    """Apply a tone curve that preserves shadows and compresses highlights increasingly to linear values; any shape.
+
+    It maps 1 to 0.5, and 16 to 1.
 
     References
     ----------
@@ -98,7 +102,7 @@ def soft(linear: Floats) -> Floats:
 
 
 def check_tone(exposure: float, curve: str) -> None:
-    """Raise ValueError for an invalid exposure or curve."""
+    """Raise ValueError unless the exposure is from -100 to 100 stops and the tone curve is known."""
     check_choice(curve, "curve", CURVES)
     limits = f"between -{MOST_STOPS} and {MOST_STOPS} stops"
     check_number(exposure, "exposure", limits, lambda x: -MOST_STOPS <= x <= MOST_STOPS)

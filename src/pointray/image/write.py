@@ -40,7 +40,7 @@ def write_image(
     legend: Attribute | None = None,
     backdrop: Backdrop | None = None,
 ) -> None:
-    """Write a rendered image.
+    """Write a rendered image to a PNG, JPEG or EXR file.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def write_image(
 
 
 def write_layers(path: str | os.PathLike[str], layers: Mapping[str, ArrayLike]) -> None:
-    """Write layers of an image, such as those of `render_layers`.
+    """Write layers of an image (radiance, depth, normals and others, see `render_layers`) to one EXR or NPZ file.
 
     Parameters
     ----------
@@ -158,12 +158,18 @@ def write_layers(path: str | os.PathLike[str], layers: Mapping[str, ArrayLike]) 
 
 
 def check_image_path(path: str | os.PathLike[str]) -> None:
-    """Raise the errors of `write_image` for this path."""
+    """Raise the error that `write_image` would raise for this path, before an image is rendered for it.
+
+    Errors are an unsupported extension, a missing package and a folder that is not writable.
+    """
     _check_path(Path(path), FORMATS)
 
 
 def check_layers_path(path: str | os.PathLike[str]) -> None:
-    """Raise the errors of `write_layers` for this path."""
+    """Raise the error that `write_layers` would raise for this path, before layers are rendered for it.
+
+    Errors are an unsupported extension, a missing package and a folder that is not writable.
+    """
     _check_path(Path(path), LAYERED)
 
 
@@ -214,7 +220,10 @@ def _check_image(image: ArrayLike) -> NDArray[Any]:
 
 
 def _split(image: NDArray[Any]) -> tuple[Floats, Floats]:
-    """Return unpremultiplied colours, (h, w, 3), and alpha, (h, w, 1)."""
+    """Return the colours of a linear image divided by alpha, (h, w, 3), and its alpha, (h, w, 1), float32.
+
+    image : (h, w, 4), premultiplied, or (h, w, 3) with alpha 1
+    """
     with np.errstate(over="ignore"):
         linear = image.astype(np.float32, copy=False)
     if linear.shape[2] == 3:
@@ -228,11 +237,12 @@ def _split(image: NDArray[Any]) -> tuple[Floats, Floats]:
 def _to_bytes(
     image: NDArray[Any], look: tuple[Any, str], transparent: bool, backdrop: Floats | None
 ) -> NDArray[np.uint8]:
-    """Convert an image to sRGB over white, (h, w, 3) uint8; or (h, w, 4) if `transparent` and any alpha is below 1.
+    """Convert a linear image to sRGB over a backdrop, (h, w, 3) uint8.
 
-    look : exposure, curve; backdrop : (h, 1, 3), linear, in place of white
+    The result is (h, w, 4) without a backdrop if `transparent` and any alpha is below 1. Bands of rows are converted
+    one by one, as temporary arrays take several times the memory of the image.
 
-    Bands of rows are converted one by one, as temporary arrays take several times the memory of the image.
+    image : premultiplied; look : (exposure in stops, tone curve); backdrop : (h, 1, 3), linear; None for white
     """
     rows = bands(image.shape)
     transparent = transparent and backdrop is None and any((_split(image[band])[1] < 1).any() for band in rows)
@@ -249,6 +259,6 @@ def _to_bytes(
 
 
 def bands(shape: tuple[int, ...]) -> list[slice]:
-    """Return bands of rows of an image (h, w, ...)."""
+    """Return slices of rows that divide an image of this shape, (h, w, ...), into bands of about BAND pixels."""
     rows = max(BAND // shape[1], 1)
     return [slice(top, top + rows) for top in range(0, shape[0], rows)]

@@ -14,7 +14,10 @@ from .shading_points import add_radiance, is_shaded, shading_point, start_of
 
 @inline
 def _look_up(sample: int, distance: float, scratch: Scratch) -> Bits:
-    """Set cosine-distributed rays from the tile's surface points; return which rays are set (bits)."""
+    """Set one cosine-distributed ray from each of the tile's surface points; return the points that got one (bits).
+
+    sample : index of the sample, which selects the directions; distance : length of the rays
+    """
     points, asked = scratch.shading_points, i64(0)
     for i in range(TILE):
         if is_shaded(scratch, i):
@@ -30,7 +33,10 @@ def _look_up(sample: int, distance: float, scratch: Scratch) -> Bits:
 
 @inline
 def see_sky(world: World, sample: int, distance: float, scratch: Scratch) -> None:
-    """Add the surface colour where one cosine-distributed ray is unoccluded up to a distance (Landis 2002)."""
+    """Add a sample of ambient occlusion: the surface colour where a cosine-distributed ray is unoccluded (Landis 2002).
+
+    sample : index of the sample; distance : only surfaces up to this distance occlude, in world units
+    """
     asked = _look_up(sample, distance, scratch)
     if asked == 0:
         return
@@ -42,9 +48,11 @@ def see_sky(world: World, sample: int, distance: float, scratch: Scratch) -> Non
 
 @inline
 def find_sky_seen(world: World, look: tuple[int, int, float], scratch: Scratch) -> None:
-    """Store the visible fraction of the sky at the tile's surface points in SKY_SEEN. Overwrites the tile's rays.
+    """Estimate the visible fraction of the sky at the tile's surface points. Overwrites the tile's rays.
 
-    look : (sample index, rays per point, ray length); 0 rays: the whole sky is visible
+    The result is in row SKY_SEEN of the scratch.
+
+    look : (sample index, rays per point, ray length); with 0 rays the whole sky is visible
     """
     sample, rays, distance = look
     points = scratch.shading_points

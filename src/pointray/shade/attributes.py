@@ -109,18 +109,18 @@ class Attribute:
 
     @property
     def values(self) -> tuple[int, ...]:
-        """Categories as given; empty without."""
+        """Categories given on construction, in increasing order; empty if none were given."""
         return self.categories if isinstance(self.categories, tuple) else ()
 
     @property
     def may_have_categories(self) -> bool:
-        """Whether categories are detected from the values."""
+        """Whether categories are detected from the values, as no categories, range or map of classes were given."""
         plain = self.range is None and self.name not in COORDINATES and not shows_classes(self.colormap)
         return self.categories is None and plain
 
 
 def category_colors(attribute: Attribute) -> NDArray[np.uint8]:
-    """Return the colours of an attribute's categories, (n, 3) uint8 sRGB."""
+    """Return the colours of an attribute's categories, (n, 3) uint8 sRGB, in the order of `attribute.values`."""
     values = attribute.values
     if attribute.colormap != DEFAULT_COLORMAP:
         table = colormap(attribute.colormap)
@@ -135,7 +135,7 @@ def category_colors(attribute: Attribute) -> NDArray[np.uint8]:
 
 
 def _distinct_colors(count: int) -> list[tuple[int, ...]]:
-    """Return distinct colours: tab10 or tab20 if these have enough, else generated ones."""
+    """Return `count` distinct colours (r, g, b), 0 to 255: those of tab10 or tab20 if enough, else generated ones."""
     table = colormap("tab10" if count < FIRST_MANY else "tab20")
     if count <= len(table):
         return [tuple(color) for color in table[:count].tolist()]
@@ -145,7 +145,7 @@ def _distinct_colors(count: int) -> list[tuple[int, ...]]:
 
 
 def category_name(attribute: Attribute, value: int) -> str:
-    """Return the label of a category, for legends and for points clicked in the viewer."""
+    """Return the label of a category, such as "2 ground" or "yes", for legends and for points clicked in the viewer."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     known = is_classification(attribute.name) and value in ASPRS
@@ -153,7 +153,7 @@ def category_name(attribute: Attribute, value: int) -> str:
 
 
 def is_classification(name: str) -> bool:
-    """Return whether an attribute has the name of LAS classes, perhaps with CloudCompare's prefix "scalar_"."""
+    """Return whether an attribute is named "classification", as LAS classes are, perhaps with the prefix "scalar_"."""
     return name.lower().removeprefix("scalar_") == "classification"
 
 

@@ -22,7 +22,11 @@ EDGE_LEVEL = 0.6  # the same at grazing view
 
 @inline
 def mute_back_faces(world: World, scratch: Scratch) -> None:
-    """Replace the radiance at first hits on back faces of models; mirrors and glass are unchanged."""
+    """Replace the radiance where camera rays hit back faces of models by a desaturated, unshadowed surface colour.
+
+    Back faces are seen through holes of a scan, and would be nearly black. Mirrors and glass are unchanged. In scenes
+    with lights but without sky nothing changes.
+    """
     points = scratch.shading_points
     for i in range(TILE):
         if not is_shaded(scratch, i) or points[SHADING_SIDE + i] > 0.0:

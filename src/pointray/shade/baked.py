@@ -38,7 +38,10 @@ from .lobes import is_wide, lobe_of
 
 @inline
 def _records(world: World, instance: int, side: float) -> Array:
-    """Return the records of one side of an instance; empty if the side is dark."""
+    """Return the light records of one side of an instance, flat int32, 4 numbers each; empty if the side is dark.
+
+    side : positive for the front, to which normals point
+    """
     row = instance * rec.BAKED
     address = world.baked[row + (rec.BAKED_FRONT if side > 0.0 else rec.BAKED_BACK)]
     return array_at(address, rec.RECORD * world.baked[row + rec.BAKED_COUNT] if address != 0 else i64(0), i32(0))
@@ -46,14 +49,17 @@ def _records(world: World, instance: int, side: float) -> Array:
 
 @inline
 def _spread(world: World, instance: int) -> Array:
-    """Return the table from splats to records of an instance; empty if each splat has its own record."""
+    """Return the table that interpolates an instance's light records to its splats, see `records.SPREAD`.
+
+    It is empty if each splat has a record of its own.
+    """
     row = instance * rec.BAKED
     return array_at(world.baked[row + rec.BAKED_SPREAD], world.baked[row + rec.BAKED_SPREAD_COUNT], i32(0))
 
 
 @inline
 def _normals(world: World, instance: int, four: Four, scratch: Scratch) -> FourPoints:
-    """Return the front-facing unit normals of four hits in model space, a quarter of each vector for each hit."""
+    """Return unit normals of four of the tile's hits in model space, turned to the front: x, y, z, a quarter each."""
     points, m = scratch.shading_points, of_size_one(matrix_at(world, instance * rec.INSTANCE))
     side = points[sc.SHADING_SIDE + four[0]]
     a, b = load3(points, sc.SHADING_NORMAL + four[0]), load3(points, sc.SHADING_NORMAL + four[1])
@@ -70,10 +76,13 @@ def _normals(world: World, instance: int, four: Four, scratch: Scratch) -> FourP
 
 @inline
 def _weigh(world: World, tree: Tree, four: Four, scratch: Scratch) -> None:
-    """List the blocks with weight at any of four hits in one leaf, and store the weights in `Scratch.splats`.
+    """Find the splats whose baked light is blended at four hits in one leaf, and their weights.
 
-    Lane 4 r + j holds the weight of splat j at point r. If no splat has weight, the nearest one gets weight 1. A
-    scattered point has its own record.
+    Weights are those of the surface, reduced where a splat's normal differs from the hit's. If no splat has weight, the
+    nearest one gets weight 1. A scattered point has its own record. `Scratch.near` lists the blocks; `Scratch.splats`
+    has 16 weights for each, lane 4 r + j for its splat j at hit r.
+
+    four : rays of the tile
     """
     part, splats = scratch.part, scratch.splats
     leaf, instance = scratch.numbers[sc.LEAF_OF + four[0]], scratch.numbers[sc.INSTANCE_OF + four[0]]
@@ -118,7 +127,13 @@ def _weigh(world: World, tree: Tree, four: Four, scratch: Scratch) -> None:
 
 @inline
 def _weigh_cells(world: World, four: Four, scratch: Scratch) -> None:
-    """List the four cells around each of four hits on a plane, and store their weights, as `_weigh` does."""
+    """Find the four cells around each of four hits on a plane, and the weights to interpolate baked light from them.
+
+    `Scratch.near` lists groups of four consecutive cells; `Scratch.splats` has 16 weights for each, lane 4 r + j for
+    its cell j at hit r.
+
+    four : rays of the tile
+    """
     instance = scratch.numbers[sc.INSTANCE_OF + four[0]]
     plane = int(world.instances[instance * rec.INSTANCE + rec.SHAPE_ROW]) * rec.PLANE_SIZE
     frame = grid_frame(world.baked_frames, instance)
@@ -141,7 +156,13 @@ def _weigh_cells(world: World, four: Four, scratch: Scratch) -> None:
 
 @inline
 def _find_four(world: World, four: Four, first: bool, scratch: Scratch) -> None:
-    """Store the light that arrives at four hits on the same side of one leaf or plane."""
+    """Look up the irradiance of baked light at four hits on the same side of one leaf or plane.
+
+    The result is in rows ARRIVING of the scratch.
+
+    four : rays of the tile, which may repeat the first
+    first : whether these are the camera's first hits; if so, only indirect light is looked up
+    """
     instance, points = scratch.numbers[sc.INSTANCE_OF + four[0]], scratch.shading_points
     records = _records(world, instance, points[sc.SHADING_SIDE + four[0]])
     if records.size == 0:
@@ -174,13 +195,16 @@ def _find_four(world: World, four: Four, first: bool, scratch: Scratch) -> None:
 
 @inline
 def _same_side(points: Array, i: int, k: int) -> int:
-    """Return k if hits k and i are on the same side, else i."""
+    """Return k if hits k and i are on the same side of the surface, so that their light is looked up together, else i.
+
+    points : rows of surface points of the tile, with SHADING_SIDE
+    """
     return k if points[sc.SHADING_SIDE + k] == points[sc.SHADING_SIDE + i] else i
 
 
 @inline
 def _is_sheeted(world: World, i: int, scratch: Scratch) -> bool:
-    """Return whether a hit is in a leaf with two sheets: weights then depend on the sheet that a ray meets."""
+    """Return whether ray i has hit a leaf with two sheets, where splats' weights depend on the sheet that it meets."""
     instance = scratch.numbers[sc.INSTANCE_OF + i] * rec.INSTANCE
     if world.instances[instance + rec.KIND] != rec.MODEL:
         return False
@@ -191,10 +215,10 @@ def _is_sheeted(world: World, i: int, scratch: Scratch) -> bool:
 
 @routine
 def find_baked(world: World, first: bool, scratch: Scratch) -> None:
-    """Look up the baked light at the tile's hits; store it in the rows ARRIVING.
+    """Look up the irradiance of baked light at the tile's hits. The result is in rows ARRIVING of the scratch.
 
-    first : whether these are the camera's first hits. If so, moments are stored for materials with a wide lobe; else
-        the baked direct light is added.
+    first : whether these are the camera's first hits. If so, it is indirect light only, and for materials with a wide
+        glossy lobe also spherical harmonics of it are stored; else the baked direct light is added
     """
     scratch, world = borrow(scratch), borrow(world)
     numbers, points, left = scratch.numbers, scratch.shading_points, i64(0)

@@ -31,14 +31,20 @@ MOMENTS_OF_GRAY, COLORS = 8, 3  # moments of luminance; of red and of blue each
 
 @inline
 def _height(k: int, levels: int) -> float:
-    """Return the value of k steps, relative to the largest encoded value."""
+    """Return the value that k quantization steps stand for, relative to the largest encoded value; steps grow linearly.
+
+    k : 0 to levels; levels : number of steps up to the largest value
+    """
     x = k / levels
     return x * (LINEAR + (1.0 - LINEAR) * x)
 
 
 @inline
 def steps_of(x: float, reach: float, levels: int) -> int:
-    """Return the nearest number of steps to x, from -levels to levels. reach : largest encoded value"""
+    """Quantize x to the nearest number of steps, -levels to levels, of a scale whose steps grow linearly.
+
+    reach : largest encoded value, to which x is clamped; levels : number of steps up to it
+    """
     share = min(abs(x) / reach, 1.0)
     exact = (math.sqrt(LINEAR * LINEAR + 4.0 * (1.0 - LINEAR) * share) - LINEAR) / (2.0 * (1.0 - LINEAR))
     k = min(int(exact * levels), levels - 1)
@@ -49,15 +55,20 @@ def steps_of(x: float, reach: float, levels: int) -> int:
 
 @inline
 def _excess(moment: float, of: float, share: float) -> float:
-    """Return moment / of - share, or 0 without irradiance."""
+    """Return a spherical harmonic of light relative to the irradiance `of` of its channel, minus `share`.
+
+    Return 0 without irradiance.
+    """
     return moment / of - share if of > 0.0 else 0.0
 
 
 @inline
 def pack_moments(moments: Array, at: int, light: Vec3) -> tuple[int, int]:
-    """Encode moments as two words, 0 to 2^32 - 1.
+    """Encode the directional distribution of the light at a splat, given by spherical harmonics, as two 32-bit words.
 
-    moments : from index `at`: 8 of luminance, 3 of red, 3 of blue, minus those of uniform light of this irradiance
+    moments : flat; from index `at` the harmonics of radiance times cosine minus those of uniform light of this
+        irradiance: 8 of luminance (bands 1 and 2), 3 of red, 3 of blue (band 1)
+    light : irradiance, RGB
     """
     gray = luminance(light)
     first = second = 0
@@ -77,15 +88,19 @@ def pack_moments(moments: Array, at: int, light: Vec3) -> tuple[int, int]:
 
 @inline
 def _heights(steps: F16, levels: int) -> F16:
-    """Return the signed values of numbers of steps, relative to the largest encoded value."""
+    """Return the values that 16 signed numbers of quantization steps stand for, relative to the largest encoded value.
+
+    levels : number of steps up to the largest value
+    """
     return steps * (f32(LINEAR / levels) + vabs(steps) * f32((1.0 - LINEAR) / (levels * levels)))
 
 
 @inline
 def unpack_moments(light: F16, first: I16, second: I16) -> tuple[F16, F16, F16, F16]:
-    """Decode the moments of four records, times their irradiance, divided by the largest encoded value.
+    """Decode the spherical harmonics of the light in four records, times their irradiance, for blending.
 
-    Each vector holds a quarter for each moment: 0 to 3 of luminance, 4 to 7, three of red, three of blue.
+    Values are relative to the largest encoded one. Each vector holds a quarter (four records) for each harmonic: the
+    first holds 0 to 3 of luminance, then come 4 to 7, three of red and three of blue.
 
     light : irradiance of the records, RGB a quarter each; first, second : their words
     """

@@ -29,7 +29,7 @@ from .specular_rays import push_ray
 
 @inline
 def meet_lamps(world: World, scratch: Scratch) -> Bits:
-    """Add the radiance of lamps that the tile's rays hit, and discard the hits behind; return these rays (bits)."""
+    """Add the radiance of area lights that the tile's rays hit, discard hits behind, and return these rays (bits)."""
     met = i64(0)
     if world.lamps.lights.size == 0:
         return met
@@ -45,7 +45,11 @@ def meet_lamps(world: World, scratch: Scratch) -> Bits:
 
 @inline
 def _reflect_narrow(world: World, i: int, gloss: Vec3, lobe: Lobe, sample: int, scratch: Scratch) -> None:
-    """Send a ray into a narrow lobe about the mirrored direction. sample : index; -1: the lobe's centre"""
+    """Send a ray from surface point i into a narrow glossy lobe; baked light is looked up where it hits.
+
+    gloss : albedo of the lobe, RGB; lobe : (kind of material, exponent)
+    sample : index of the sample, which selects the direction; -1 for the mirrored direction
+    """
     points, (kind, e) = scratch.shading_points, lobe
     point = shading_point(world, scratch, i)[1]
     d = mirrored(point.wo, point.normal)
@@ -62,11 +66,11 @@ def _reflect_narrow(world: World, i: int, gloss: Vec3, lobe: Lobe, sample: int, 
 
 @inline
 def add_baked(world: World, first: bool, sample: int, scratch: Scratch) -> None:
-    """Add emitted light and baked light at the tile's surface points.
+    """Add the light that the tile's surface points emit, and what they reflect of baked light.
 
-    first : whether these are the camera's first hits, whose narrow lobes send rays and whose direct light is computed;
-        other hits reflect all light diffusely
-    sample : sample index; -1: rays follow the centre of a lobe
+    first : whether these are the camera's first hits, whose narrow lobes send rays and whose direct light is added by
+        `add_live`; other hits reflect all light diffusely, including baked direct light
+    sample : index of the sample; -1: rays follow the centre of a lobe
     """
     find_baked(world, first, scratch)
     for i in range(sc.TILE):
@@ -90,7 +94,11 @@ def add_baked(world: World, first: bool, sample: int, scratch: Scratch) -> None:
 
 @inline
 def _set_light(world: World, light: int, sample: int, scratch: Scratch) -> bool:
-    """Set the gain of one light at the camera's first hits and its shadow rays; return whether it adds any light."""
+    """Set shadow rays from the tile's surface points to a light, and store what they add if unoccluded (row GAIN).
+
+    Returns whether the light adds anything. light : offset of its record in `world.lights`
+    sample : index of the sample, which selects a point on the light; -1: its centre
+    """
     points, lit = scratch.shading_points, False
     for i in range(sc.TILE):
         store3(points, sc.GAIN + i, BLACK)
@@ -113,9 +121,10 @@ def _set_light(world: World, light: int, sample: int, scratch: Scratch) -> bool:
 
 @inline
 def add_live(world: World, shadows: bool, sample: int, scratch: Scratch) -> None:
-    """Add the direct light of all lights at the tile's surface points. Overwrites the tile's rays.
+    """Add the direct light of all lights but the sky at the tile's surface points. Overwrites the tile's rays.
 
-    sample : sample index, which chooses a point on each light; -1: its centre
+    shadows : whether to trace shadow rays
+    sample : index of the sample, which selects a point on each light; -1: its centre
     """
     for light in range(0, world.lights.size, LIGHT):
         if not _set_light(world, light, sample, scratch):

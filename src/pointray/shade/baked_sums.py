@@ -27,7 +27,12 @@ SUM_MOMENTS, SUM_LIGHT, SUM_DIRECT, SUM_WEIGHTS = 0, 4 * sc.LANES, 5 * sc.LANES,
 
 @inline
 def list_record(four: int, r: int, k: int, share: float, scratch: Scratch) -> None:
-    """Add a weight for record k of a group at point r, listing the group if needed."""
+    """Add `share` to the weight of a light record at one of four surface points whose baked light is blended together.
+
+    Records are listed in groups of four: a group is appended to `Scratch.near` if it is missing there.
+
+    four, k : index of the group, and of the record in it, 0 to 3; r : index of the point, 0 to 3
+    """
     count, at = scratch.counts[sc.COUNT_NEAR], 0
     while at < count and i64(scratch.near[at]) != four:  # neighbours on a plane mostly share their cells
         at += 1
@@ -40,7 +45,12 @@ def list_record(four: int, r: int, k: int, share: float, scratch: Scratch) -> No
 
 @inline
 def spread_out(spread: Array, scratch: Scratch) -> None:
-    """Replace the listed blocks by the records of coarser light that they blend, see `records.SPREAD`."""
+    """Replace the weights of splats (`Scratch.splats`) by those of the light records from which each is interpolated.
+
+    This is for coarser light, which has fewer records than splats.
+
+    spread : for each block four records and their weights, see `records.SPREAD`
+    """
     blocks, splats, count = scratch.listed, scratch.splats, scratch.counts[sc.COUNT_NEAR]
     kept = splats.size - count * sc.LANES  # the buffer holds four times as many, plus these
     for m in range(count):
@@ -63,7 +73,11 @@ def spread_out(spread: Array, scratch: Scratch) -> None:
 
 @inline
 def _add(sums: Sums, value: F16, weights: Array, at: int) -> Sums:
-    """Add the values of four records, times their weights at each of four points."""
+    """Add a value of four light records, times their weights at four surface points, to the sums of these points.
+
+    sums : one vector for each point; value : a quarter for each component, a lane of it for each record
+    weights, at : 16 weights from index `at`, four for each point
+    """
     return (
         sums[0] + value * repeat4(weights, at),
         sums[1] + value * repeat4(weights, at + 4),
@@ -74,13 +88,20 @@ def _add(sums: Sums, value: F16, weights: Array, at: int) -> Sums:
 
 @inline
 def _store(to: int, sums: Sums, scratch: Scratch) -> None:
-    """Store sums over four records: component q at point r to `Scratch.part`[to + 4 q + r]."""
+    """Store the sums of four surface points in `Scratch.part`: component q at point r at index to + 4 q + r.
+
+    sums : one vector for each point, a quarter for each component, whose four lanes are added up
+    """
     store(scratch.part, to, sums_of_fours(sums[0], sums[1], sums[2], sums[3]))
 
 
 @inline
 def sum_light(records: Array, column: int, to: int, scratch: Scratch) -> None:
-    """Sum weighted RGB irradiance over the listed records. column : INDIRECT or DIRECT; to : see `_store`"""
+    """Sum the irradiance of the listed light records, times their weights at each of four surface points.
+
+    records : flat int32; column : INDIRECT or DIRECT
+    to : index in `Scratch.part` at which the sums are stored: red at the four points, green, blue
+    """
     zero = broadcast16(ZERO)
     sums = zero, zero, zero, zero
     for k in range(scratch.counts[sc.COUNT_NEAR]):
@@ -92,7 +113,10 @@ def sum_light(records: Array, column: int, to: int, scratch: Scratch) -> None:
 
 @inline
 def sum_moments(records: Array, scratch: Scratch) -> None:
-    """Sum weighted indirect irradiance and the moments of `unpack_moments` in SUM_LIGHT and SUM_MOMENTS."""
+    """Sum the indirect irradiance and its spherical harmonics over the listed light records, weighted for four points.
+
+    The sums are stored in `Scratch.part`, from SUM_LIGHT and SUM_MOMENTS. records : flat int32
+    """
     zero = broadcast16(ZERO)
     sums = a = b = c = d = (zero, zero, zero, zero)
     for k in range(scratch.counts[sc.COUNT_NEAR]):
@@ -111,7 +135,11 @@ def sum_moments(records: Array, scratch: Scratch) -> None:
 
 @inline
 def store_light(i: int, r: int, unit_of: float, also_direct: bool, scratch: Scratch) -> None:
-    """Store the irradiance at surface point i from the sums of point r. unit_of : see `records.BAKED_UNIT`"""
+    """Store the irradiance at surface point i of the tile: the weighted sum of light records, divided by the weights.
+
+    r : which of the four points summed together this is; unit_of : irradiance of 1.0 in a record, W/m2
+    also_direct : whether to add the direct light
+    """
     part = scratch.part
     share = unit_of / f64(part[SUM_WEIGHTS + 4 * r])
     light = f64(part[SUM_LIGHT + r]), f64(part[SUM_LIGHT + 4 + r]), f64(part[SUM_LIGHT + 8 + r])
@@ -123,7 +151,10 @@ def store_light(i: int, r: int, unit_of: float, also_direct: bool, scratch: Scra
 
 @inline
 def store_moments(i: int, r: int, unit_of: float, scratch: Scratch) -> None:
-    """Store the moments at surface point i from the sums of point r."""
+    """Store the spherical harmonics of the light at surface point i of the tile: a weighted mean of light records.
+
+    r : which of the four points summed together this is; unit_of : irradiance of 1.0 in a record, W/m2
+    """
     part, points, at = scratch.part, scratch.shading_points, SUM_MOMENTS + r
     share = unit_of / f64(part[SUM_WEIGHTS + 4 * r])
     for k in range(MOMENTS_OF_GRAY):

@@ -22,7 +22,10 @@ LEAST_PDF = 1e-200  # smaller ones may overflow as divisors
 
 @inline
 def base_color(world: World, material: int, color: Vec3) -> Vec3:
-    """Return the material's colour, or the given surface colour if the material has none."""
+    """Return the colour of a material, or the given colour of the surface if the material takes that; linear RGB.
+
+    material : offset of its record in `world.materials`
+    """
     if world.materials[material + rec.OWN_COLOR] != 0.0:
         return color
     return load3_flat(world.materials, material + rec.BASE_COLOR)
@@ -30,7 +33,10 @@ def base_color(world: World, material: int, color: Vec3) -> Vec3:
 
 @inline
 def emitted(world: World, material: int) -> Vec3:
-    """Return the radiance that the surface emits, on both sides."""
+    """Return the radiance that a surface with this material emits, on both sides; black for all but Emissive.
+
+    material : offset of its record in `world.materials`
+    """
     if world.materials[material + rec.MATERIAL_KIND] == rec.EMISSIVE:
         return load3_flat(world.materials, material + rec.EMITTED)
     return BLACK
@@ -38,14 +44,20 @@ def emitted(world: World, material: int) -> Vec3:
 
 @inline
 def is_specular(world: World, material: int) -> bool:
-    """Return whether the BSDF consists of delta distributions only."""
+    """Return whether a material is a mirror or glass: its BSDF consists of delta distributions only.
+
+    material : offset of its record in `world.materials`
+    """
     kind = world.materials[material + rec.MATERIAL_KIND]
     return kind in (rec.MIRROR, rec.DIELECTRIC)
 
 
 @inline
 def ambient(world: World, material: int, point: ShadingPoint) -> Vec3:
-    """Return the diffuse albedo; black for specular materials."""
+    """Return the albedo by which uniform sky light is reflected: of the diffuse lobe for Phong, else the colour.
+
+    It is black for mirrors and glass. material : offset of its record in `world.materials`
+    """
     if is_specular(world, material):
         return BLACK
     share = (
@@ -58,9 +70,11 @@ def ambient(world: World, material: int, point: ShadingPoint) -> Vec3:
 
 @inline
 def lobes_of(world: World, material: int, point: ShadingPoint) -> tuple[Vec3, Vec3]:
-    """Return the albedos of a material's diffuse lobe and of that about the mirrored direction, see `lobe_exponent`.
+    """Return the albedos (diffuse lobe, glossy lobe) of a material at a point, RGB; black for mirrors and glass.
 
-    An albedo is the fraction of uniform light that the lobe reflects; black for specular materials.
+    An albedo is the fraction of uniform light that the lobe reflects. The glossy lobe is about the mirrored direction.
+
+    material : offset of its record in `world.materials`
     """
     if is_specular(world, material):
         return BLACK, BLACK
@@ -74,7 +88,10 @@ def lobes_of(world: World, material: int, point: ShadingPoint) -> tuple[Vec3, Ve
 
 @inline
 def lobe_exponent(world: World, material: int) -> float:
-    """Return the exponent of a material's lobe about the mirrored direction, or -1.0 without such a lobe."""
+    """Return the exponent of a material's glossy lobe, cos^exponent about the mirrored direction; -1.0 if it has none.
+
+    material : offset of its record in `world.materials`
+    """
     kind = world.materials[material + rec.MATERIAL_KIND]
     if kind == rec.PHONG:
         return world.materials[material + rec.EXPONENT] if world.materials[material + rec.SPECULAR] > 0.0 else -1.0
@@ -83,9 +100,11 @@ def lobe_exponent(world: World, material: int) -> float:
 
 @inline
 def eval_bsdf(world: World, material: int, point: ShadingPoint, wi: Vec3) -> tuple[Vec3, float]:
-    """Return (BSDF times cosine as RGB, pdf of `sample_bsdf` for this direction).
+    """Return (BSDF times cosine as RGB, pdf per solid angle of `sample_bsdf` for this direction).
 
-    Both are 0 if wi (unit) or wo is below the surface, and for specular materials.
+    Both are 0 if wi (unit, to the light) or wo is below the surface, and for mirrors and glass.
+
+    material : offset of its record in `world.materials`
     """
     cosine = dot(point.normal, wi)
     if cosine <= 0.0 or dot(point.normal, point.wo) <= 0.0 or is_specular(world, material):
@@ -100,7 +119,10 @@ def eval_bsdf(world: World, material: int, point: ShadingPoint, wi: Vec3) -> tup
 
 @inline
 def _direction(world: World, material: int, point: ShadingPoint, which: float, u: float, v: float) -> Vec3:
-    """Sample a direction with the pdf of `eval_bsdf`; it may lie below the surface."""
+    """Sample a direction with the pdf that `eval_bsdf` returns; it may lie below the surface.
+
+    material : offset of its record in `world.materials`; which, u, v : random numbers in [0, 1), for lobe and direction
+    """
     kind = world.materials[material + rec.MATERIAL_KIND]
     if kind == rec.PHONG:
         return sample_phong(world, material, point, which, u, v)
@@ -115,9 +137,11 @@ def sample_bsdf(
 ) -> tuple[Vec3, Vec3, float, float]:
     """Sample the BSDF: return (unit direction, weight, pdf, side).
 
+    material : offset of its record in `world.materials`
     which : random number in [0, 1) that chooses the lobe; u, v : random numbers in [0, 1) that choose the direction
     weight : BSDF times cosine over the pdf, RGB; black if nothing is scattered
-    pdf : 0.0 for a specular lobe; side : side of the surface, +1.0 or -1.0, on which the new ray leaves
+    pdf : per solid angle, 0.0 for mirrors and glass; side : side of the surface, +1.0 or -1.0, on which the new ray
+        leaves
     """
     if dot(point.normal, point.wo) <= 0.0:
         return point.normal, BLACK, 0.0, point.side

@@ -16,9 +16,9 @@ FLAT = 1e-200  # smallest component of a direction, so that box tests do not div
 
 @inline
 def choose_light(world: World, u: float) -> tuple[int, float]:
-    """Return (light chosen by a random number in [0, 1), its probability); (-1, 0) if no light shines.
+    """Return (index of a light chosen by a random number u in [0, 1), its probability); (-1, 0) if no light shines.
 
-    An environment image has the number after the last light.
+    An environment image has the index after the last light.
     """
     count = world.light_shares.size - 1
     if count < 1:
@@ -29,7 +29,10 @@ def choose_light(world: World, u: float) -> tuple[int, float]:
 
 @inline
 def light_probability(world: World, which: int) -> float:
-    """Return the probability with which `choose_light` chooses a light; 0 for a black light."""
+    """Return the probability with which `choose_light` chooses a light; 0 for a black light.
+
+    which : index of the light; an environment image follows the last light
+    """
     if which + 1 >= world.light_shares.size:
         return 0.0
     return world.light_shares[which + 1] - world.light_shares[which]
@@ -43,13 +46,16 @@ def sky_probability(world: World) -> float:
 
 @inline
 def _nonzero(x: float) -> float:
-    """Return a component of a direction, kept away from zero."""
+    """Return a component of a direction, replaced by FLAT if its magnitude is smaller, so that it can be a divisor."""
     return x if abs(x) >= FLAT else FLAT
 
 
 @inline
 def _enters(boxes: Array, offset: int, o: Vec3, inverse: Vec3, nearest: float) -> bool:
-    """Return whether a ray enters a box before `nearest`."""
+    """Return whether a ray enters a box before `nearest`, a distance in lengths of its direction.
+
+    boxes, offset : six numbers from `offset`: lo x y z, hi x y z; o : origin; inverse : 1 / direction, by component
+    """
     ax, bx = (boxes[offset] - o[0]) * inverse[0], (boxes[offset + 3] - o[0]) * inverse[0]
     ay, by = (boxes[offset + 1] - o[1]) * inverse[1], (boxes[offset + 4] - o[1]) * inverse[1]
     az, bz = (boxes[offset + 2] - o[2]) * inverse[2], (boxes[offset + 5] - o[2]) * inverse[2]
@@ -60,7 +66,10 @@ def _enters(boxes: Array, offset: int, o: Vec3, inverse: Vec3, nearest: float) -
 
 @inline
 def nearest_lamp(world: World, ray: tuple[Vec3, Vec3], nearest: float) -> tuple[float, int]:
-    """Return (t, record offset) of the nearest light that a ray (o, d) hits before `nearest`; offset -1 for a miss."""
+    """Find the nearest area light that a ray (o, d), d unit, hits before a distance `nearest`.
+
+    Returns (distance, offset of the light's record in `world.lights`), or (nearest, -1) for a miss.
+    """
     lamps, found, k = world.lamps, -1, 0
     d = ray[1]
     inverse = 1.0 / _nonzero(d[0]), 1.0 / _nonzero(d[1]), 1.0 / _nonzero(d[2])
@@ -79,13 +88,16 @@ def nearest_lamp(world: World, ray: tuple[Vec3, Vec3], nearest: float) -> tuple[
 
 @inline
 def meets_lamp(world: World, ray: tuple[Vec3, Vec3], end: float) -> bool:
-    """Return whether a ray (o, d) hits the front of a light before `end`."""
+    """Return whether a ray (o, d), d unit, hits the front of an area light before a distance `end`."""
     return nearest_lamp(world, ray, end)[1] >= 0
 
 
 @inline
 def _is_within(boxes: Array, offset: int, d: Vec3) -> bool:
-    """Return whether a direction, as a point, is inside a box."""
+    """Return whether a unit direction, as a point, is inside a box; boxes of directions sort the suns of a scene.
+
+    boxes, offset : six numbers from `offset`: lo x y z, hi x y z
+    """
     x = (boxes[offset] <= d[0]) & (d[0] <= boxes[offset + 3])
     y = (boxes[offset + 1] <= d[1]) & (d[1] <= boxes[offset + 4])
     return x & y & (boxes[offset + 2] <= d[2]) & (d[2] <= boxes[offset + 5])
@@ -93,9 +105,14 @@ def _is_within(boxes: Array, offset: int, d: Vec3) -> bool:
 
 @inline
 def sun_after(world: World, k: int, d: Vec3) -> tuple[int, int, Vec3, float]:
-    """Find the first sun, from entry k on, whose disk contains a unit direction.
+    """Find the next sun whose disk contains a unit direction; called again with the returned k, it lists all such suns.
 
-    Returns (next entry, or 0 if none is found; number of the light; radiance; pdf).
+    k : entry of the tree `world.suns` to begin with, 0 at first
+
+    Returns
+    -------
+    tuple
+        (next entry, or 0 if none is found; index of the sun in `world.lights`; radiance; pdf per solid angle).
     """
     suns = world.suns
     while k < suns.lights.size:

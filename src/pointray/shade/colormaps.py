@@ -38,7 +38,7 @@ def colormap(name: str) -> NDArray[np.uint8]:
 
 
 def shows_classes(name: str) -> bool:
-    """Return whether a colour map is one of classes, with few distinct colours."""
+    """Return whether a colour map is one for classes, such as "tab10": it has fewer than 64 colours."""
     return len(colormap(name)) < MOST_CLASSES
 
 

@@ -22,9 +22,11 @@ from .sky import has_sky, sky_irradiance
 
 @inline
 def _arrive(world: World, light: int, kind: float, scratch: Scratch) -> None:
-    """Set the tile's rays from its surface points to the centre of a light; store the unoccluded light in GAIN.
+    """Set a ray from each of the tile's surface points to the centre of a light; store its unoccluded light (row GAIN).
 
     Rays without a surface point are computed too: a loop without branches is vectorized.
+
+    light : offset of its record in `world.lights`; kind : of the light, as in `records.LIGHT_KIND`
     """
     points = scratch.shading_points
     for i in range(sc.TILE):
@@ -36,7 +38,10 @@ def _arrive(world: World, light: int, kind: float, scratch: Scratch) -> None:
 
 @inline
 def _light_from(world: World, light: int, scratch: Scratch) -> bool:
-    """Set the unoccluded gain of one light and its shadow rays; return whether it adds any light."""
+    """Set shadow rays to the centre of a light; store what the tile's points reflect if unoccluded (row GAIN).
+
+    Returns whether the light adds anything. light : offset of its record in `world.lights`
+    """
     points, lit, kind = scratch.shading_points, False, world.lights[light + LIGHT_KIND]
     if kind == POINT_LIGHT:
         _arrive(world, light, POINT_LIGHT, scratch)
@@ -60,7 +65,10 @@ def _light_from(world: World, light: int, scratch: Scratch) -> bool:
 
 @inline
 def shade_gains(scratch: Scratch) -> None:
-    """Clear the gain where traced shadow rays are blocked. Branchless, so that it is vectorized."""
+    """Set a light's contribution to the tile's points (row GAIN) to 0 where their traced shadow rays are blocked.
+
+    It has no branches, so that it is vectorized.
+    """
     points = scratch.shading_points
     for i in range(sc.TILE):
         store3(points, sc.GAIN + i, either(is_blocked(scratch, i), BLACK, load3(points, sc.GAIN + i)))
@@ -70,8 +78,10 @@ def shade_gains(scratch: Scratch) -> None:
 def light_tile(world: World, shadows: bool, look: tuple[int, int, float], scratch: Scratch) -> None:
     """Add the radiance that the tile's surface points reflect along its rays. Overwrites the rays.
 
-    look : how the sky is sampled, see `find_sky_seen`. A scene without lights has a headlight at the origin of the
-    rays, of irradiance pi, without fall-off and shadows.
+    A scene without lights has a headlight at the origin of the rays, of irradiance pi, without fall-off and shadows.
+
+    shadows : whether to trace shadow rays to lights
+    look : (sample index, rays per point, ray length) of ambient occlusion, by which the sky's light is reduced
     """
     dark = world.lights.size == 0 and not has_sky(world)
     if has_sky(world):

@@ -20,11 +20,12 @@ TINY = 1e-300
 
 
 class LightSample(NamedTuple):
-    """Light at a surface point, with the unit direction and the distance to the light.
+    """Sample of the light that arrives at a surface point, without occlusion.
 
+    wi : unit direction to the light; distance : of the light
     light : RGB, radiance over the pdf; for a light without size, or taken as a whole, the irradiance of a surface that
         faces it
-    pdf : density per solid angle with which the direction was sampled
+    pdf : density per solid angle with which the direction was sampled; 0 for a light without size or taken as a whole
     """
 
     wi: Vec3
@@ -40,7 +41,10 @@ def _nothing() -> LightSample:
 
 @inline
 def _in_cone(axis: Vec3, missing: float, u: float, v: float) -> Vec3:
-    """Sample a direction uniformly in a cone about an axis. missing : 1 - cosine of the half angle"""
+    """Sample a direction uniformly in a cone about a unit axis.
+
+    missing : 1 - cosine of the half angle of the cone; u, v : random numbers in [0, 1)
+    """
     x, y = on_disc(u, v)
     square = x * x + y * y
     drop = missing * square  # 1 - cosine, without cancellation
@@ -51,7 +55,12 @@ def _in_cone(axis: Vec3, missing: float, u: float, v: float) -> Vec3:
 
 @inline
 def _cone_of_sphere(world: World, light: int, x: Vec3) -> tuple[Vec3, float, float]:
-    """Return (unit direction to a sphere's centre, distance, 1 - cosine of its half angle; 0 inside the sphere)."""
+    """Return the cone in which a sphere light is seen from x: (unit direction to its centre, distance of that, width).
+
+    The width is 1 - cosine of the half angle, or 0 inside the sphere, where the direction is not normalized.
+
+    light : offset of its record in `world.lights`
+    """
     v = sub(load3_flat(world.lights, light + rec.LIGHT_POSITION), x)
     distance, radius = length(v), world.lights[light + rec.LIGHT_RADIUS]
     if distance <= radius:
@@ -62,7 +71,10 @@ def _cone_of_sphere(world: World, light: int, x: Vec3) -> tuple[Vec3, float, flo
 
 @inline
 def from_center(world: World, light: int, kind: float, x: Vec3) -> LightSample:
-    """Return the light at x as if all of it came from the centre of the light: hard shadows."""
+    """Return the light at x as if all of it came from the centre of the light, which gives hard shadows.
+
+    light : offset of its record in `world.lights`; kind : of the light, as in `records.LIGHT_KIND`
+    """
     position, power = (
         load3_flat(world.lights, light + rec.LIGHT_POSITION),
         load3_flat(world.lights, light + rec.LIGHT_POWER),
@@ -88,7 +100,10 @@ def from_center(world: World, light: int, kind: float, x: Vec3) -> LightSample:
 
 @inline
 def sample_light(world: World, light: int, x: Vec3, u: float, v: float) -> LightSample:
-    """Return the unoccluded light at x from a point on a light, chosen by two random numbers in [0, 1)."""
+    """Sample a point on a light, and return its unoccluded light at x.
+
+    light : offset of its record in `world.lights`; u, v : random numbers in [0, 1)
+    """
     kind, power = world.lights[light + rec.LIGHT_KIND], load3_flat(world.lights, light + rec.LIGHT_POWER)
     position = load3_flat(world.lights, light + rec.LIGHT_POSITION)
     if kind == rec.POINT_LIGHT:
@@ -126,21 +141,30 @@ def sample_light(world: World, light: int, x: Vec3, u: float, v: float) -> Light
 
 @inline
 def _sun_share(irradiance: Vec3, missing: float) -> Vec3:
-    """Return radiance over pdf for directions to the sun's disk, whose projected solid angle is pi sin^2."""
+    """Return radiance over pdf of a direction sampled in a sun's disk, whose projected solid angle is pi sin^2.
+
+    irradiance : of a surface that faces the sun; missing : 1 - cosine of the disk's angular radius
+    """
     sine_square = missing * (2.0 - missing)
     return scale(irradiance, 2.0 * missing / sine_square)
 
 
 @inline
 def _flat_pdf(world: World, light: int, wi: Vec3, distance: float) -> float:
-    """Return the pdf of a direction to a point on a flat light at a distance; 0 behind the light."""
+    """Return the pdf per solid angle of a direction to a point sampled uniformly on a flat light; 0 from behind.
+
+    light : offset of its record in `world.lights`; distance : of the point
+    """
     cosine = -dot(load3_flat(world.lights, light + rec.LIGHT_FACING), wi)
     return distance * distance / (cosine * world.lights[light + rec.LIGHT_AREA]) if cosine > 1e-12 else 0.0
 
 
 @inline
 def _intersect_sphere(to_middle: Vec3, radius: float, d: Vec3) -> float:
-    """Return t of a ray of unit direction with a sphere centred at `to_middle`, from outside; inf for a miss."""
+    """Return the distance at which a ray of unit direction d, from outside, hits a sphere; inf for a miss.
+
+    to_middle : vector from the ray's origin to the sphere's centre
+    """
     along = dot(to_middle, d)
     aside = sub(to_middle, scale(d, along))
     rest = radius * radius - dot(aside, aside)
@@ -150,7 +174,10 @@ def _intersect_sphere(to_middle: Vec3, radius: float, d: Vec3) -> float:
 
 @inline
 def intersect_light(world: World, light: int, o: Vec3, d: Vec3) -> float:
-    """Return t of a ray of unit direction with the front of a light; inf for a miss and for lights without size."""
+    """Return the distance at which a ray of unit direction hits the front of a light; inf for a miss.
+
+    Point lights and suns are never hit. light : offset of its record in `world.lights`
+    """
     kind, position = world.lights[light + rec.LIGHT_KIND], load3_flat(world.lights, light + rec.LIGHT_POSITION)
     if kind in (rec.POINT_LIGHT, rec.SUN_LIGHT):
         return np.inf
@@ -173,7 +200,12 @@ def intersect_light(world: World, light: int, o: Vec3, d: Vec3) -> float:
 
 @inline
 def light_pdf(world: World, light: int, o: Vec3, d: Vec3, t: float) -> float:
-    """Return the pdf of `sample_light` at o for the direction d, in which the light is hit at t."""
+    """Return the pdf per solid angle with which `sample_light` at o samples direction d.
+
+    It weights rays that hit the light by chance (multiple importance sampling).
+
+    light : offset of its record in `world.lights`; t : distance at which the ray hits the light
+    """
     if world.lights[light + rec.LIGHT_KIND] == rec.SPHERE_LIGHT:
         missing = _cone_of_sphere(world, light, o)[2]
         return 1.0 / (2.0 * math.pi * missing) if missing > 0.0 else 0.0
@@ -182,13 +214,16 @@ def light_pdf(world: World, light: int, o: Vec3, d: Vec3, t: float) -> float:
 
 @inline
 def light_radiance(world: World, light: int) -> Vec3:
-    """Return the radiance of a light that a ray hits."""
+    """Return the radiance that an area light emits, RGB. light : offset of its record in `world.lights`"""
     return load3_flat(world.lights, light + rec.LIGHT_POWER)
 
 
 @inline
 def sun_in(world: World, light: int, d: Vec3) -> tuple[Vec3, float]:
-    """Return (radiance, pdf) of a sun's disk in a direction; black outside the disk and for other lights."""
+    """Return (radiance, pdf per solid angle) of a sun's disk in a unit direction.
+
+    Both are 0 outside the disk, and for other lights. light : offset of its record in `world.lights`
+    """
     missing = world.lights[light + rec.LIGHT_RADIUS]
     if world.lights[light + rec.LIGHT_KIND] != rec.SUN_LIGHT or missing == 0.0:
         return BLACK, 0.0

@@ -32,8 +32,8 @@ class EnvironmentLight:
     Parameters
     ----------
     radiance : float or (3,) float
-        W/(m2 sr), linear RGB, or a number for grey: constant; with `horizon` or `ground`, the radiance of the zenith;
-        with `image`, a factor.
+        Radiance of all directions, W/(m2 sr), linear RGB, or a number for grey. With `horizon` or `ground` it is that
+        of the zenith, with `image` a factor.
     horizon, ground : float or (3,) float, optional
         Radiance of a gradient: linear in the sine of the elevation from horizon to zenith, constant below the horizon.
         If one is None it equals the other; if both are, the light is constant.
@@ -81,7 +81,11 @@ class EnvironmentLight:
             object.__setattr__(self, "image", _check_image(self.image))
 
     def tables(self) -> tuple[NDArray[Any], ...]:
-        """Return the tables for kernels: sky, sky_colors, sky_rows, sky_columns, sky_mean, see `records.World`."""
+        """Return the light as the five arrays that kernels read, fields of `World`.
+
+        They are sky (kind, axes, colours), sky_colors (pixels of an image), sky_rows and sky_columns (distribution for
+        importance sampling), sky_mean (irradiance as spherical harmonics); see `records.World`.
+        """
         sky, scale = np.zeros(rec.SKY), rgb(self.radiance, "radiance")
         x, y, z = _axes(unit_vector(self.up, "up"))
         sky[rec.SKY_X : rec.SKY_X + 3], sky[rec.SKY_Y : rec.SKY_Y + 3], sky[rec.SKY_Z : rec.SKY_Z + 3] = x, y, z
@@ -102,12 +106,15 @@ class EnvironmentLight:
 
 
 def no_sky() -> tuple[NDArray[Any], ...]:
-    """Return the tables of a scene without environment light."""
+    """Return what `EnvironmentLight.tables` returns, for a scene without environment light: five arrays for kernels."""
     return np.zeros(rec.SKY), np.zeros(0, np.float32), np.zeros(0), np.zeros(0), np.zeros(27)
 
 
 def _check_image(image: Any) -> NDArray[np.float32]:
-    """Return a validated image of the sphere, (h, w, 3) float32."""
+    """Return a validated equirectangular image of radiance, (h, w, 3) float32.
+
+    image : array (h, w, 3 or 4), or path of a file
+    """
     name = "image"
     if isinstance(image, str | os.PathLike):
         name, image = os.fspath(image), read_picture(image)
@@ -127,7 +134,7 @@ def _check_image(image: Any) -> NDArray[np.float32]:
 
 
 def _axes(up: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return x, y and z, rotated by the smallest rotation from z to up."""
+    """Return the world's x, y and z axes, turned by the smallest rotation that takes z to `up`, a unit vector."""
     if up[2] < -1.0 + 1e-12:
         return np.array([1.0, 0.0, 0.0]), np.array([0.0, -1.0, 0.0]), up
     x, y = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
@@ -136,7 +143,7 @@ def _axes(up: Floats) -> tuple[Floats, Floats, Floats]:
 
 
 def _gradient(sky: Floats) -> Floats:
-    """Return the gradient as an image, (rows, 2 rows, 3)."""
+    """Return a gradient sky as an equirectangular image, (FINE, 2 FINE, 3). sky : its record, see `records.SKY`"""
     height = np.cos((np.arange(FINE) + 0.5) / FINE * np.pi)[:, None]
     zenith, horizon, ground = (sky[k : k + 3] for k in (rec.SKY_ZENITH, rec.SKY_HORIZON, rec.SKY_GROUND))
     rows = np.where(height >= 0, horizon + height * (zenith - horizon), ground)
@@ -144,15 +151,24 @@ def _gradient(sky: Floats) -> Floats:
 
 
 def _solid_angles(height: int, width: int) -> Floats:
-    """Return the solid angle of a pixel of each row, (h,)."""
+    """Return the solid angle of a pixel in each row of an equirectangular image, (height,), in steradians."""
     edges = np.cos(np.arange(height + 1) / height * np.pi)
     return np.asarray((edges[:-1] - edges[1:]) * 2.0 * np.pi / width)
 
 
 def _shares(colors: NDArray[np.float32]) -> tuple[Floats, Floats]:
-    """Return the cumulative distributions of rows and of pixels within rows.
+    """Return the cumulative distributions by which an environment image is importance sampled.
 
     A pixel counts with its brightest neighbour, as radiance is interpolated.
+
+    colors : (h, w, 3), equirectangular
+
+    Returns
+    -------
+    (h + 1,) float64
+        Share of the light above each row.
+    (h * (w + 1),) float64
+        Share of each row's light to the left of each pixel.
     """
     light = colors.max(axis=2).astype(np.float64)
     light = np.maximum.reduce([light, np.roll(light, 1, axis=1), np.roll(light, -1, axis=1)])
@@ -165,7 +181,7 @@ def _shares(colors: NDArray[np.float32]) -> tuple[Floats, Floats]:
 
 
 def harmonics(d: Floats) -> Floats:
-    """Return the nine spherical harmonics up to degree 2 at unit directions (..., 3): (9, ...)."""
+    """Return the nine real spherical harmonics up to degree 2 at unit directions d, (..., 3): (9, ...)."""
     x, y, z = np.moveaxis(d, -1, 0)
     return np.stack(
         [
@@ -183,7 +199,10 @@ def harmonics(d: Floats) -> Floats:
 
 
 def _irradiance(colors: NDArray[Any], axes: tuple[Floats, Floats, Floats]) -> Floats:
-    """Return the irradiance as spherical harmonics of the world normal, 9 times RGB: (27,)."""
+    """Return the irradiance of a surface as a function of its world normal: nine spherical harmonics times RGB, (27,).
+
+    colors : (h, w, 3), equirectangular image of radiance; axes : of the image in the world: right, ahead, up
+    """
     height, width = colors.shape[:2]
     polar = (np.arange(height) + 0.5) / height * np.pi
     around = ((np.arange(width) + 0.5) / width - 0.5) * 2.0 * np.pi
@@ -197,14 +216,16 @@ def _irradiance(colors: NDArray[Any], axes: tuple[Floats, Floats, Floats]) -> Fl
 
 
 class Lights:
-    """Immutable list of the lights of a scene, in the order of addition.
+    """Immutable list of the lights of a scene, in the order of addition, with at most one environment light.
 
     `plus` shares the items with the list that it extends, so adding a light takes constant time.
 
     Raises
     ------
     ValueError
-        If an item is not a light, or there are two environment lights.
+        If there are two environment lights.
+    TypeError
+        If an item is not a light.
     """
 
     def __init__(self, lights: Iterable[Any] = ()) -> None:
@@ -222,7 +243,7 @@ class Lights:
         return islice(self._items, self._count)
 
     def plus(self, light: Any) -> Lights:
-        """Return a list with one more light."""
+        """Return a list with one more light; this one is unchanged. Errors are those of the constructor."""
         more = Lights()
         more._around, more._count = self._check(light, "light") or self._around, self._count + 1
         more._items = self._items
@@ -233,7 +254,7 @@ class Lights:
         return more
 
     def _check(self, light: Any, name: str = "lights") -> bool:
-        """Validate a light to add; return whether it is an environment light."""
+        """Validate a light to add; return whether it is an environment light. name : of the argument, for messages"""
         if isinstance(light, EnvironmentLight):
             if self._around:
                 raise ValueError("the scene has an EnvironmentLight already")

@@ -20,13 +20,16 @@ Frames = tuple[float, float, float, float]
 
 @inline
 def to_grid(x: float) -> float:
-    """Map a coordinate, in half widths, to -1..1."""
+    """Map a plane coordinate, in units of half the scene's width, to a position in its light's grid, -1 to 1."""
     return x / (1.0 + abs(x))
 
 
 @inline
 def grid_frame(frames: Array, instance: int) -> Frames:
-    """Return the grid of a plane: centre (u, v), half width, cells a side. frames : see `records.BAKED_FRAME`"""
+    """Return the grid of baked light on a plane: (u, v of its centre, half the scene's width, cells along each side).
+
+    frames : flat, for each instance five numbers, see `records.BAKED_FRAME`
+    """
     k = instance * rec.BAKED_FRAME
     return (
         frames[k + rec.GRID_MIDDLE],
@@ -38,7 +41,10 @@ def grid_frame(frames: Array, instance: int) -> Frames:
 
 @inline
 def grid_place(world: World, plane: int, frame: Frames, x: Vec3) -> tuple[float, float]:
-    """Return (column, row) of a point of a plane in its grid; cell edges are at whole numbers."""
+    """Return (column, row) of a world point on a plane in its grid of baked light; cell edges are at whole numbers.
+
+    plane : offset of its record in `world.planes`; frame : the grid, from `grid_frame`
+    """
     v = sub(x, load3_flat(world.planes, plane + rec.PLANE_POINT))
     a = (dot(v, load3_flat(world.planes, plane + rec.PLANE_U)) - frame[0]) / frame[2]
     b = (dot(v, load3_flat(world.planes, plane + rec.PLANE_V)) - frame[1]) / frame[2]
@@ -47,7 +53,7 @@ def grid_place(world: World, plane: int, frame: Frames, x: Vec3) -> tuple[float,
 
 @inline
 def in_grid(row: int, column: int, edge: int) -> int:
-    """Return the number of a cell, clamped to the grid."""
+    """Return the index of a cell, row * edge + column, with both clamped to 0..edge - 1."""
     return min(max(row, 0), edge - 1) * edge + min(max(column, 0), edge - 1)
 
 
@@ -58,7 +64,10 @@ def _from_grid(u: float) -> float:
 
 @inline
 def cell_center(world: World, plane: int, frame: Frames, cell: int) -> Vec3:
-    """Return the centre of a cell in world space."""
+    """Return the centre of a cell of the grid of baked light on a plane, in world space.
+
+    plane : offset of its record in `world.planes`; frame : the grid, from `grid_frame`; cell : index of the cell
+    """
     edge = int(frame[3])
     a = _from_grid((cell % edge + 0.5) / frame[3] * 2.0 - 1.0) * frame[2] + frame[0]
     b = _from_grid((cell // edge + 0.5) / frame[3] * 2.0 - 1.0) * frame[2] + frame[1]
@@ -68,7 +77,10 @@ def cell_center(world: World, plane: int, frame: Frames, cell: int) -> Vec3:
 
 @inline
 def _is_walled_off(world: World, plane: int, x: Vec3, y: Vec3) -> bool:
-    """Return whether another plane separates two points of a plane."""
+    """Return whether another plane separates two points of a plane, so that they receive different light.
+
+    plane : offset of its record in `world.planes`; always False in scenes with more than MOST_WALLS planes
+    """
     if world.planes.size > MOST_WALLS * rec.PLANE_SIZE:
         return False
     for other in range(0, world.planes.size, rec.PLANE_SIZE):
@@ -84,9 +96,11 @@ def _is_walled_off(world: World, plane: int, x: Vec3, y: Vec3) -> bool:
 
 @inline
 def corner_cell(world: World, plane: int, frame: Frames, x: Vec3, corner: int) -> tuple[int, float]:
-    """Return (one of the four cells around a point of a plane, its bilinear weight); the weights sum to at most 1.
+    """Return (index, bilinear weight) of one of the four cells of baked light around a world point on a plane.
 
-    A cell behind another plane, such as a wall, has weight 0.
+    A cell behind another plane, such as a wall, has weight 0, so the four weights sum to at most 1.
+
+    plane : offset of its record in `world.planes`; frame : the grid, from `grid_frame`; corner : which cell, 0 to 3
     """
     column, row = grid_place(world, plane, frame, x)
     left, top = math.floor(column - 0.5), math.floor(row - 0.5)
@@ -101,7 +115,10 @@ def corner_cell(world: World, plane: int, frame: Frames, x: Vec3, corner: int) -
 
 @inline
 def grid_cell(world: World, plane: int, frame: Frames, x: Vec3) -> int:
-    """Return the number of the cell with the largest weight at a point of a plane."""
+    """Return the index of the cell of baked light that has the largest bilinear weight at a world point on a plane.
+
+    plane : offset of its record in `world.planes`; frame : the grid, from `grid_frame`
+    """
     best, most = corner_cell(world, plane, frame, x, 0)
     for corner in range(1, 4):
         cell, share = corner_cell(world, plane, frame, x, corner)

@@ -15,13 +15,21 @@ Five = tuple[float, float, float, float, float]
 
 @inline
 def band_1(v: Vec3) -> Vec3:
-    """Return band 1 of a unit direction, or of light, given the sum of light times direction."""
+    """Return the three real spherical harmonics of band 1 at a unit direction v, in the order y, z, x.
+
+    They are linear in v: for the sum of light times direction, they are the harmonics of the light.
+    """
     return BAND_1 * v[1], BAND_1 * v[2], BAND_1 * v[0]
 
 
 @inline
 def band_2(outer: Six) -> Five:
-    """Return band 2 of a unit direction d, given d d^T, or of light, given the sum of light times d d^T."""
+    """Return the five real spherical harmonics of band 2 at a unit direction d, given the products d d^T.
+
+    They are linear in these: for the sum of light times d d^T, they are the harmonics of the light.
+
+    outer : xx, xy, xz, yy, yz, zz
+    """
     xx, xy, xz, yy, yz, zz = outer
     return (
         2.0 * BAND_2_CROSS * xy,
@@ -34,13 +42,16 @@ def band_2(outer: Six) -> Five:
 
 @inline
 def as_vector(first: Vec3) -> Vec3:
-    """Return the vector v for which v.d is the function of band 1 at d, divided by BAND_1."""
+    """Return the vector v for which BAND_1 v.d is the function with coefficients `first` of band 1, at unit d."""
     return first[2], first[0], first[1]
 
 
 @inline
 def times_matrix(second: Five, d: Vec3) -> Vec3:
-    """Return D d, for the symmetric matrix D for which d.D d is the function of band 2 at a unit d."""
+    """Return D d, for the symmetric matrix D by which d.D d is the function with coefficients `second` of band 2.
+
+    d : unit direction
+    """
     x, y, z = d
     even = BAND_2 * second[2]
     return (

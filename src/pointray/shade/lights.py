@@ -12,18 +12,24 @@ from ..engine.kernels import records as rec
 
 
 def length_of(value: float, name: str) -> float:
-    """Return a validated length, positive and finite."""
+    """Validate a length given as a parameter: return it as float; raise an error unless it is positive and finite."""
     return check_number(value, name, "a positive length", lambda x: LEAST_LENGTH < x < np.inf)
 
 
 class _Checked:
-    """Base class of lights: parameters are validated on construction."""
+    """Base class of lights, which validates the parameters when a light is constructed."""
 
     def __post_init__(self) -> None:
         self.record()
 
     def record(self) -> NDArray[np.float64]:
-        """Return the record for kernels, (18,) float64; ValueError if a value is out of range."""
+        """Return the light's record for kernels, (18,) float64, see `records.LIGHT`.
+
+        Raises
+        ------
+        ValueError
+            If a parameter is out of range.
+        """
         raise NotImplementedError
 
 
@@ -37,7 +43,10 @@ def _record(kind: int, position: NDArray[np.float64], power: NDArray[np.float64]
 def _flat_record(
     kind: int, center: NDArray[np.float64], u: NDArray[np.float64], v: NDArray[np.float64], radiance: ArrayLike
 ) -> NDArray[np.float64]:
-    """Return the record of a light spanned by u and v, which emits on the side of u x v."""
+    """Return the record for kernels of a rectangle or disk spanned by u and v, which emits on the side of u x v.
+
+    kind : RECT_LIGHT or DISK_LIGHT; u, v : (3,), from the centre to the edge. The record is (18,), see `records.LIGHT`.
+    """
     out = _record(kind, center, rgb(radiance, "radiance"))
     cross = np.cross(u, v)
     out[rec.LIGHT_U : rec.LIGHT_U + 3], out[rec.LIGHT_V : rec.LIGHT_V + 3] = u, v
@@ -53,7 +62,7 @@ class PointLight(_Checked):
     Parameters
     ----------
     position : (3,) float
-        World.
+        World space.
     intensity : float or (3,) float
         Radiant intensity, W/sr; linear RGB, or a number for grey.
     camera : bool
@@ -78,7 +87,7 @@ class PointLight(_Checked):
     camera: bool = False
 
     def record(self) -> NDArray[np.float64]:
-        """Return the record for kernels, (18,) float64."""
+        """Return the light's record for kernels, (18,) float64: kind, position, intensity, see `records.LIGHT`."""
         check_flag(self.camera, "camera")
         return _record(rec.POINT_LIGHT, vector(self.position, "position"), rgb(self.intensity, "intensity"))
 
@@ -119,7 +128,7 @@ class SunLight(_Checked):
     camera: bool = False
 
     def record(self) -> NDArray[np.float64]:
-        """Return the record for kernels, (18,) float64."""
+        """Return the light's record for kernels, (18,) float64: kind, direction, irradiance, see `records.LIGHT`."""
         check_flag(self.camera, "camera")
         angle = check_number(self.angle, "angle", "from 0 to 180 degrees", lambda x: 0 <= x <= 180)
         out = _record(rec.SUN_LIGHT, unit_vector(self.direction, "direction"), rgb(self.irradiance, "irradiance"))
@@ -134,7 +143,7 @@ class RectLight(_Checked):
     Parameters
     ----------
     center : (3,) float
-        World.
+        World space.
     u, v : (3,) float
         From the centre to the midpoints of two edges; not parallel.
     radiance : float or (3,) float
@@ -160,7 +169,7 @@ class RectLight(_Checked):
     radiance: ArrayLike
 
     def record(self) -> NDArray[np.float64]:
-        """Return the record for kernels, (18,) float64."""
+        """Return the light's record for kernels, (18,) float64: kind, geometry, radiance, see `records.LIGHT`."""
         u, v = vector(self.u, "u"), vector(self.v, "v")
         across = np.cross(unit_vector(u, "u"), unit_vector(v, "v"))
         if np.linalg.norm(across) < 1e-9:
@@ -175,7 +184,7 @@ class DiskLight(_Checked):
     Parameters
     ----------
     center, normal : (3,) float
-        World.
+        World space.
     radius : float
         World units, positive.
     radiance : float or (3,) float
@@ -201,7 +210,7 @@ class DiskLight(_Checked):
     radiance: ArrayLike
 
     def record(self) -> NDArray[np.float64]:
-        """Return the record for kernels, (18,) float64."""
+        """Return the light's record for kernels, (18,) float64: kind, geometry, radiance, see `records.LIGHT`."""
         normal, radius = unit_vector(self.normal, "normal"), length_of(self.radius, "radius")
         u = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
         u *= radius / np.linalg.norm(u)
@@ -215,7 +224,7 @@ class SphereLight(_Checked):
     Parameters
     ----------
     center : (3,) float
-        World.
+        World space.
     radius : float
         World units, positive.
     radiance : float or (3,) float
@@ -240,7 +249,7 @@ class SphereLight(_Checked):
     radiance: ArrayLike
 
     def record(self) -> NDArray[np.float64]:
-        """Return the record for kernels, (18,) float64."""
+        """Return the light's record for kernels, (18,) float64: kind, geometry, radiance, see `records.LIGHT`."""
         out = _record(rec.SPHERE_LIGHT, vector(self.center, "center"), rgb(self.radiance, "radiance"))
         out[rec.LIGHT_RADIUS] = radius = length_of(self.radius, "radius")
         out[rec.LIGHT_AREA] = 4.0 * np.pi * radius * radius
@@ -253,7 +262,10 @@ def follows_camera(light: object) -> bool:
 
 
 def fixed(light: Light, eye: NDArray[np.float64], axes: NDArray[np.float64]) -> Light:
-    """Return a light in world space. axes : (3, 3), rows: right, up and backward"""
+    """Return a light that is attached to the camera as a light in world space; other lights are returned as they are.
+
+    eye : (3,), position of the camera; axes : (3, 3), rows: its right, up and backward directions in world space
+    """
     if isinstance(light, SunLight) and light.camera:
         return replace(light, direction=vector(light.direction, "direction") @ axes, camera=False)
     if isinstance(light, PointLight) and light.camera:

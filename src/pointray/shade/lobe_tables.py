@@ -39,21 +39,28 @@ PHONG_LOBES, FACETS = 0, 1  # kinds of lobes
 
 
 def exponents() -> Floats:
-    """Return the exponents of the rows."""
+    """Return the exponents of glossy lobes for which coefficients are tabulated, (ROWS,), increasing from 0."""
     u = np.linspace(0.0, LAST, ROWS)
     return np.asarray(HALFWAY * u / (1.0 - u))
 
 
 def phong_lobes(w: Floats, cosine: Floats, exponent: float) -> Floats:
-    """Evaluate Phong's lobe times the cosine. w : (n, 3), z along the normal; cosine : (k,), n.r"""
+    """Evaluate Phong's lobe times the cosine to the normal, (n, k), for n light directions and k mirrored directions.
+
+    w : (n, 3), unit light directions, z along the normal; cosine : (k,), of the mirrored directions to the normal
+    exponent : of the lobe
+    """
     along = w[:, :1] * np.sqrt(1.0 - cosine**2) + w[:, 2:] * cosine
     lobe = np.where(along > 0.0, np.abs(along) ** exponent, 0.0)
     return np.asarray((exponent + 2.0) / (2.0 * math.pi) * lobe * w[:, 2:])
 
 
 def facet_lobes(w: Floats, cosine: Floats, exponent: float) -> Floats:
-    """Evaluate GGX without Fresnel, times the cosine, for the roughness that has this exponent in
-    `materials/principled.py`. The eye is in the mirrored direction of r.
+    """Evaluate GGX without Fresnel times the cosine to the normal, (n, k), for n light and k eye directions.
+
+    w : (n, 3), unit light directions, z along the normal; cosine : (k,), of the eye direction (and of its mirror image,
+        about which the lobe lies) to the normal
+    exponent : gives the roughness, as the inverse of `exponent_of_facets`
     """
     square, i = 1.0 / (2.0 * exponent + 1.0), w[:, 2:]
     half = np.stack([w[:, :1] - np.sqrt(1.0 - cosine**2), w[:, 1:2] + 0.0 * cosine, i + cosine])
@@ -63,7 +70,10 @@ def facet_lobes(w: Floats, cosine: Floats, exponent: float) -> Floats:
 
 
 def _sums() -> tuple[Floats, Floats]:
-    """Return quadrature directions (n, 3) with y > 0, by elevation, denser at the horizon; and their weights."""
+    """Return directions and weights for integrals over half of the hemisphere: (n, 3) with y > 0, z up, and (n,).
+
+    They are ordered by elevation, and denser at the horizon.
+    """
     u, weights = np.polynomial.legendre.leggauss(RINGS)
     u = 0.5 * u + 0.5
     z, turn = u * u, (np.arange(TURNS) + 0.5) * math.pi / TURNS
@@ -73,14 +83,17 @@ def _sums() -> tuple[Floats, Floats]:
 
 
 def _moments(w: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return the harmonics even in y, grouped by azimuthal order: 0, 1 and 2."""
+    """Return the real spherical harmonics up to band 2 that are even in y, at directions w, (n, 3).
+
+    They are grouped by azimuthal order 0, 1 and 2: arrays (3, n), (2, n) and (1, n).
+    """
     x, y, z = w.T
     steady = np.array([np.full_like(z, BAND_0), BAND_1 * z, BAND_2 * (3.0 * z * z - 1.0)])
     return steady, np.array([BAND_1 * x, 2.0 * BAND_2_CROSS * x * z]), np.array([BAND_2_CROSS * (x * x - y * y)])
 
 
 class _Estimate:
-    """Estimator of the coefficients of moments for lobes; with `colors` from bands 0 and 1 only."""
+    """Linear estimator of what a glossy lobe reflects, from a few spherical harmonics of the arriving light."""
 
     def __init__(self) -> None:
         w, self.weights = _sums()
@@ -104,7 +117,16 @@ class _Estimate:
             self._with_each.append(of_field @ weighted.T + np.diag(uncertain))
 
     def __call__(self, lobes: Floats, colors: bool) -> list[Floats]:
-        """Return the coefficients of the moments by azimuthal order, (moments, k). lobes : (n, k), times weights"""
+        """Return the coefficients of harmonics of arriving light whose sum estimates what each of k lobes reflects.
+
+        lobes : (n, k), lobes at the quadrature directions, times their weights
+        colors : use bands 0 and 1 only, all that is known of red and blue; else also band 2
+
+        Returns
+        -------
+        list of (m, k) float64
+            For each azimuthal order the coefficients of its m harmonics.
+        """
         used = (2, 1) if colors else (3, 2, 1)
         return [
             np.asarray(np.linalg.solve(each[:m, :m], with_lobes[:m] @ lobes))
@@ -113,7 +135,15 @@ class _Estimate:
 
 
 def make_table() -> NDArray[np.float32]:
-    """Return the table, (kinds * ROWS * COLUMNS * NUMBERS,) float32. Facet lobes are normalized to albedo 1."""
+    """Compute the coefficients from which a glossy lobe's reflection of baked light is estimated.
+
+    Entries of NUMBERS coefficients are ordered by kind of lobe (Phong, facets), exponent, and cosine of normal and
+    mirrored direction. Facet lobes are normalized to albedo 1.
+
+    Returns
+    -------
+    (kinds * ROWS * COLUMNS * NUMBERS,) float32
+    """
     cosine = np.minimum(np.linspace(0.0, 1.0, COLUMNS), 1.0 - GRAZING)
     estimate = _Estimate()
     of_phong = [phong_lobes(estimate.w, cosine, e) for e in exponents()]
@@ -137,10 +167,10 @@ def make_table() -> NDArray[np.float32]:
 
 
 def facet_shares() -> NDArray[np.float32]:
-    """Return the albedo of facets without Fresnel loss, (ROWS * COLUMNS,) float32.
+    """Compute the albedo of GGX facets without Fresnel loss, (ROWS * COLUMNS,) float32.
 
-    Rows are uniform steps of alpha from 0 to 1, columns as in the other table. The albedo is the mean masking over
-    visible facets, sampled as in `materials/principled.py`.
+    Rows are uniform steps of the roughness alpha from 0 to 1, columns uniform steps of the cosine of eye and normal.
+    The albedo is the mean masking over visible facets, sampled as in `materials/principled.py`.
     """
     alpha = np.maximum(np.linspace(0.0, 1.0, ROWS), 1e-3)[:, None, None, None]
     o = np.maximum(np.linspace(0.0, 1.0, COLUMNS), 1e-3)[:, None, None]

@@ -22,19 +22,28 @@ WIDE, WIDE_FACETS = 8.0, 3.0
 
 @inline
 def is_wide(lobe: Lobe) -> bool:
-    """Return whether a lobe is wide enough to be evaluated from baked moments."""
+    """Return whether a glossy lobe is so wide that the spherical harmonics of baked light suffice to evaluate it.
+
+    lobe : (kind of its material, exponent), from `lobe_of`
+    """
     return 0.0 <= lobe[1] <= (WIDE if lobe[0] == PHONG else WIDE_FACETS)
 
 
 @inline
 def lobe_of(world: World, material: int) -> Lobe:
-    """Return the lobe of a material about the mirrored direction, see `bsdf.lobe_exponent`."""
+    """Return the glossy lobe of a material: (kind of the material, exponent); the exponent is -1.0 without such a lobe.
+
+    material : offset of its record in `world.materials`
+    """
     return world.materials[material + MATERIAL_KIND], lobe_exponent(world, material)
 
 
 @inline
 def lobe_numbers(lobe: Lobe, cosine: float) -> F8:
-    """Interpolate the coefficients of `lobe_tables.py`. cosine : of normal and mirrored direction"""
+    """Interpolate the 8 coefficients by which a glossy lobe reflects harmonics of light, see `lobe_tables.py`.
+
+    lobe : (kind of its material, exponent); cosine : of the normal and the mirrored direction
+    """
     x = min(max(cosine, 0.0), 1.0) * (COLUMNS - 1)
     y = min(lobe[1] / (lobe[1] + HALFWAY) * ((ROWS - 1) / LAST), ROWS - 1.0)
     column, row = min(int(x), COLUMNS - 2), min(int(y), ROWS - 2)
@@ -48,7 +57,10 @@ def lobe_numbers(lobe: Lobe, cosine: float) -> F8:
 
 @inline
 def _moments(scratch: Scratch, i: int) -> tuple[Vec3, Five]:
-    """Return bands 1 and 2 of luminance at surface point i, minus those of uniform light."""
+    """Return the spherical harmonics (band 1, band 2) of the luminance that arrives at surface point i of the tile.
+
+    Those of uniform light of the same irradiance are subtracted.
+    """
     points, at = scratch.shading_points, ARRIVING_MOMENTS + i
     second = at + 3 * TILE
     return load3(points, at), (
@@ -62,9 +74,11 @@ def _moments(scratch: Scratch, i: int) -> tuple[Vec3, Five]:
 
 @inline
 def reflect_baked(scratch: Scratch, i: int, lobe: Lobe, normal: Vec3, r: Vec3) -> Vec3:
-    """Return the radiance reflected at point i by a lobe of weight 1 about the unit vector r.
+    """Return the radiance that a glossy lobe of weight 1 reflects of the baked light at surface point i of the tile.
 
-    Phong's lobe is (exponent + 2) / (2 pi) max(0, w.r)^exponent; the facet lobe has albedo 1.
+    Phong's lobe is (exponent + 2) / (2 pi) max(0, w.r)^exponent for light from w; the facet lobe has albedo 1.
+
+    lobe : (kind of its material, exponent); r : unit mirrored direction, about which the lobe lies
     """
     light = load3(scratch.shading_points, ARRIVING + i)
     gray = luminance(light)

@@ -31,16 +31,17 @@ FAINT = 0.05  # below this throughput Russian roulette ends a path or raises it 
 
 @inline
 def begin_paths(scratch: Scratch) -> None:
-    """Start paths with the tile's camera rays."""
+    """Start paths with the tile's camera rays: no BSDF has sampled these, so lights that they hit count fully."""
     for i in range(sc.TILE):
         scratch.shading_points[sc.PDF + i] = 0.0
 
 
 @inline
 def mis_weight(pdf: float, other: float) -> float:
-    """Return the weight of the power heuristic for a sample of one pdf, with the pdf of the other strategy.
+    """Return the weight of a sample in multiple importance sampling, by the power heuristic.
 
-    A pdf of 0 stands for a direction that only this strategy can sample.
+    pdf : with which the sample was taken; 0 stands for a direction that only this strategy can sample
+    other : pdf of the other strategy for the same direction
     """
     if pdf == 0.0:
         return 1.0
@@ -50,7 +51,7 @@ def mis_weight(pdf: float, other: float) -> float:
 
 @inline
 def _add_distant(world: World, i: int, ray: tuple[Vec3, Vec3], scratch: Scratch) -> None:
-    """Add the light of sky and suns along ray i, which has hit nothing."""
+    """Add the radiance of the sky and of suns along ray i (origin, direction) of a path, which has hit nothing."""
     pdf = scratch.shading_points[sc.PDF + i]
     light = scale(sky_radiance(world, ray[1]), mis_weight(pdf, sky_pdf(world, ray[1]) * sky_probability(world)))
     k = 0
@@ -64,9 +65,14 @@ def _add_distant(world: World, i: int, ray: tuple[Vec3, Vec3], scratch: Scratch)
 
 @inline
 def receive(world: World, depth: int, sky_shows: bool, scratch: Scratch) -> Bits:
-    """Add the light that the tile's rays hit, store their surface points; return the rays that hit anything (bits).
+    """Add the radiance of lights and emissive surfaces that the tile's rays hit, and store their surface points.
 
-    sky_shows : whether camera rays that hit nothing see the sky
+    depth : number of bounces before these rays; sky_shows : whether camera rays that hit nothing see the sky
+
+    Returns
+    -------
+    Bits
+        The rays that have hit a surface or light, or see the sky.
     """
     points, met = scratch.shading_points, i64(0)
     store_shading_points(world, scratch)
@@ -95,13 +101,20 @@ def receive(world: World, depth: int, sky_shows: bool, scratch: Scratch) -> Bits
 
 @inline
 def _pair(scratch: Scratch, i: int, sample: int, depth: int, which: int) -> tuple[float, float]:
-    """Return two random numbers in [0, 1) for a decision at a bounce."""
+    """Return two random numbers in [0, 1) for a decision of the path of ray i at a bounce.
+
+    sample, depth : indices of the sample and of the bounce
+    which : the decision, one of those in `sampling.py`, such as ON_LIGHT
+    """
     return sample_pair(int(scratch.shading_points[sc.KEY + i]), sample, ON_PATH + depth * PER_SCATTERING + which)
 
 
 @inline
 def _light_at(world: World, x: Vec3, which: int, random: tuple[float, float]) -> LightSample:
-    """Sample a light at x; the environment image has the number after the last light."""
+    """Sample the light at x from light number `which`; an environment image has the number after the last light.
+
+    random : two numbers in [0, 1)
+    """
     u, v = random
     if which * LIGHT < world.lights.size:
         return sample_light(world, which * LIGHT, x, u, v)
@@ -110,7 +123,10 @@ def _light_at(world: World, x: Vec3, which: int, random: tuple[float, float]) ->
 
 @inline
 def _continue(world: World, i: int, sample: int, depth: int, lobe: float, scratch: Scratch) -> None:
-    """Sample whether and where a path continues from surface point i."""
+    """Sample the next direction of a path from surface point i, or end the path by Russian roulette, in rows NEXT*.
+
+    sample, depth : indices of the sample and of the bounce; lobe : random number in [0, 1) that chooses the lobe
+    """
     points = scratch.shading_points
     material, point = shading_point(world, scratch, i)
     u, v = _pair(scratch, i, sample, depth, DIRECTION_OF)
@@ -127,7 +143,10 @@ def _continue(world: World, i: int, sample: int, depth: int, lobe: float, scratc
 
 @inline
 def scatter_paths(world: World, sample: int, depth: int, scratch: Scratch) -> None:
-    """Sample one light with a shadow ray and the next ray of the path, at each of the tile's surface points."""
+    """At each of the tile's surface points, add the light of one sampled light, and sample the next ray of the path.
+
+    sample, depth : indices of the sample and of the bounce
+    """
     points, lit = scratch.shading_points, False
     for i in range(sc.TILE):
         store3(points, sc.GAIN + i, BLACK)
@@ -160,7 +179,7 @@ def scatter_paths(world: World, sample: int, depth: int, scratch: Scratch) -> No
 
 @inline
 def follow(scratch: Scratch) -> bool:
-    """Set the tile's rays to the next rays of the paths; return whether there are any."""
+    """Set the tile's rays to the sampled next rays of its paths; return whether any path continues."""
     points, some = scratch.shading_points, False
     for i in range(sc.TILE):
         weight = load3(points, sc.NEXT_THROUGHPUT + i)
@@ -177,9 +196,15 @@ def follow(scratch: Scratch) -> bool:
 
 @inline
 def trace_paths(world: World, sample: int, max_depth: int, sky_shows: bool, scratch: Scratch) -> Bits:
-    """Trace paths from the tile's camera rays, adding to RADIANCE; return the camera rays that hit anything (bits).
+    """Trace paths from the tile's camera rays, and add their radiance to row RADIANCE of the scratch.
 
-    max_depth : maximum number of bounces
+    sample : index of the sample; max_depth : maximum number of bounces
+    sky_shows : whether camera rays that hit nothing see the sky
+
+    Returns
+    -------
+    Bits
+        The camera rays that cover the background: they have hit something, or see the sky.
     """
     covered = i64(0)
     for depth in range(max_depth + 1):

@@ -11,7 +11,7 @@ from ..base.extras import require
 
 
 def read_picture(path: str | os.PathLike[str]) -> NDArray[np.float32]:
-    """Read the linear pixels of an image file.
+    """Read the linear pixels of an environment image, such as a Radiance .hdr or an OpenEXR file.
 
     Returns
     -------
@@ -41,5 +41,5 @@ def read_picture(path: str | os.PathLike[str]) -> NDArray[np.float32]:
 
 
 def _reason(text: str) -> str:
-    """Return the first line of an error message."""
+    """Return the first line of OpenImageIO's error message, or a general one if it is empty."""
     return text.strip().splitlines()[0] if text.strip() else "unsupported or damaged image"

@@ -26,7 +26,10 @@ def _limited(x: float) -> float:
 
 @inline
 def pack_rgbe(rgb: Vec3) -> int:
-    """Encode a colour as an integer from 0 to 2^32 - 1; negative components and NaN become 0."""
+    """Encode a linear RGB colour as 32 bits (RGB9E5: three 9-bit mantissas, a shared exponent), 0 to 2^32 - 1.
+
+    Negative components and NaN become 0; larger ones than 65,408 are clamped.
+    """
     r, g, b = _limited(rgb[0]), _limited(rgb[1]), _limited(rgb[2])
     most = max(r, g, b)
     exponent = max(-BIAS - 1, math.frexp(most)[1] - 1) + 1 + BIAS if most > 0.0 else 0
@@ -38,19 +41,22 @@ def pack_rgbe(rgb: Vec3) -> int:
 
 @inline
 def unpack_rgbe(word: int) -> Vec3:
-    """Decode a colour of `pack_rgbe` to float32; the word may be signed."""
+    """Decode a colour from 32 bits (RGB9E5) to float32; the word may be signed."""
     step = STEPS[(word >> 27) & 31]
     return f32(word & 511) * step, f32((word >> 9) & 511) * step, f32((word >> 18) & 511) * step
 
 
 @inline
 def unpack_four(words: I16) -> F16:
-    """Decode four words, repeated in all quarters: red, green and blue in a quarter each, the last unused."""
+    """Decode four colours (RGB9E5) at once: red, green and blue in a quarter of the vector each; the last is unused.
+
+    words : the four 32-bit words, repeated in all quarters
+    """
     fields = bit_fields(words, 0, MANTISSA, 2 * MANTISSA, 27, 511)
     return fields * power_of_two(last_quarter(fields) - f32(BIAS + MANTISSA))
 
 
 @inline
 def signed(word: int) -> int:
-    """Return the same 32 bits as a signed integer."""
+    """Return the same 32 bits as a signed integer, which fits into int32. word : 0 to 2^32 - 1"""
     return i64(word - (1 << 32) if word >= 1 << 31 else word)

@@ -18,7 +18,7 @@ LEAST_COSINE = 0.05  # smallest cosine between that normal and the direction to 
 
 @inline
 def begin_radiance(scratch: Scratch) -> None:
-    """Reset radiance to 0 and throughput to 1 for the camera's rays."""
+    """Reset the radiance of the tile's camera rays to 0 and their throughput to 1 (rows RADIANCE and THROUGHPUT)."""
     for i in range(sc.TILE):
         store3(scratch.shading_points, sc.RADIANCE + i, vec.BLACK)
         store3(scratch.shading_points, sc.THROUGHPUT + i, vec.WHITE)
@@ -26,7 +26,7 @@ def begin_radiance(scratch: Scratch) -> None:
 
 @inline
 def add_radiance(scratch: Scratch, i: int, light: Vec3) -> None:
-    """Add radiance along ray i, weighted by its throughput."""
+    """Add light that arrives along ray i, times the ray's throughput, to the radiance of its pixel sample."""
     points = scratch.shading_points
     weighted = vec.multiply(load3(points, sc.THROUGHPUT + i), light)
     store3(points, sc.RADIANCE + i, vec.add(load3(points, sc.RADIANCE + i), weighted))
@@ -34,9 +34,9 @@ def add_radiance(scratch: Scratch, i: int, light: Vec3) -> None:
 
 @inline
 def margin_of(world: World, scratch: Scratch, i: int) -> float:
-    """Return the offset of new rays from the surface at hit i: the noise removed there by smoothing.
+    """Return the distance from the surface at which new rays start at hit i: the noise removed there by denoising.
 
-    Smoothing leaves bumps of a quarter of the noise, which shadow each other under a grazing sun. At 2 degrees, on a
+    Denoising leaves bumps of a quarter of the noise, which shadow each other under a grazing sun. At 2 degrees, on a
     wall with noise of 0.3 spacings, 23% is in shadow without an offset, 0.3% with half of it, none with all of it.
     """
     instance, leaf = scratch.numbers[sc.INSTANCE_OF + i], scratch.numbers[sc.LEAF_OF + i]
@@ -52,7 +52,7 @@ def margin_of(world: World, scratch: Scratch, i: int) -> float:
 
 @inline
 def _soften(world: World, scratch: Scratch, i: int) -> None:
-    """Blend the normal at hit i on a sphere with the mean direction of the sphere's neighbourhood.
+    """Blend the normal at the hit of ray i on a scattered point, drawn as a sphere, with the mean direction around it.
 
     This gives tree crowns smooth shading instead of speckle. The normal stays on the side of the eye.
     """
@@ -74,7 +74,7 @@ def _soften(world: World, scratch: Scratch, i: int) -> None:
 
 @inline
 def store_shading_points(world: World, scratch: Scratch) -> None:
-    """Store the surface points of the tile's hits; surfaces are shaded on both sides.
+    """Store the surface points of the tile's hits (rows SHADING_*), with normals turned to the eye.
 
     The main loop has no branches, so that it is vectorized; rays without a hit only need SHADING_INSTANCE.
     """
@@ -99,7 +99,10 @@ def store_shading_points(world: World, scratch: Scratch) -> None:
 
 @inline
 def start_of(scratch: Scratch, i: int, side: float) -> Vec3:
-    """Return the origin of rays that leave surface point i on one side, +1 or -1: offset by its margin."""
+    """Return the origin of rays that leave surface point i of the tile on one side, a small distance off the surface.
+
+    side : +1 for the side to which normals point, or -1
+    """
     points = scratch.shading_points
     away = side * points[sc.SHADING_SIDE + i] * points[sc.SHADING_MARGIN + i]
     return vec.add(load3(points, sc.SHADING_POINT + i), vec.scale(load3(points, sc.SHADING_NORMAL + i), away))
@@ -113,7 +116,10 @@ def is_shaded(scratch: Scratch, i: int) -> bool:
 
 @inline
 def shading_point(world: World, scratch: Scratch, i: int) -> tuple[int, ShadingPoint]:
-    """Return (offset of the material in world.materials, `ShadingPoint`) of a surface point."""
+    """Return the material, geometry and colour of surface point i of the tile, from which BSDFs are evaluated.
+
+    The material is the offset of its record in `world.materials`.
+    """
     points = scratch.shading_points
     material = material_at(world, int(points[sc.SHADING_INSTANCE + i]))
     color = base_color(world, material, load3(points, sc.SHADING_COLOR + i))

@@ -16,25 +16,25 @@ from .emitters import LightSample
 
 @inline
 def has_sky(world: World) -> bool:
-    """Return whether there is an environment light."""
+    """Return whether the scene has an environment light."""
     return world.sky[rec.SKY_KIND] != rec.NO_SKY
 
 
 @inline
 def is_importance_sampled(world: World) -> bool:
-    """Return whether the sky is importance sampled: only images are; for others BSDF sampling is as good."""
+    """Return whether the sky is importance sampled: only images are, as for others BSDF sampling is as good."""
     return world.sky[rec.SKY_KIND] == rec.PICTURE_SKY
 
 
 @inline
 def _size(world: World) -> tuple[int, int]:
-    """Return height and width of the image."""
+    """Return (height, width) of the environment image in pixels."""
     return world.sky_rows.size - 1, int(world.sky[rec.SKY_WIDTH])
 
 
 @inline
 def _image_position(world: World, d: Vec3) -> tuple[float, float]:
-    """Return (row, column) of a unit direction in the image, in pixels from the upper left corner."""
+    """Return (row, column) of a unit direction in the environment image, in pixels from the upper left corner."""
     height, width = _size(world)
     axes = load3_flat(world.sky, rec.SKY_X), load3_flat(world.sky, rec.SKY_Y), load3_flat(world.sky, rec.SKY_Z)
     x, y, z = dot(axes[0], d), dot(axes[1], d), dot(axes[2], d)
@@ -44,7 +44,7 @@ def _image_position(world: World, d: Vec3) -> tuple[float, float]:
 
 @inline
 def _pixel(world: World, row: int, column: int) -> Vec3:
-    """Return the radiance of a pixel; columns wrap around, rows are clamped."""
+    """Return the radiance of a pixel of the environment image; columns wrap around, rows are clamped."""
     height, width = _size(world)
     row = min(max(row, 0), height - 1)
     column = column % width
@@ -54,7 +54,7 @@ def _pixel(world: World, row: int, column: int) -> Vec3:
 
 @inline
 def sky_radiance(world: World, d: Vec3) -> Vec3:
-    """Return the radiance from a unit direction."""
+    """Return the radiance of the environment light from a unit direction; black without one."""
     if world.sky[rec.SKY_KIND] != rec.PICTURE_SKY:
         if world.sky[rec.SKY_KIND] == rec.NO_SKY:
             return BLACK
@@ -75,7 +75,7 @@ def sky_radiance(world: World, d: Vec3) -> Vec3:
 
 @inline
 def sky_pdf(world: World, d: Vec3) -> float:
-    """Return the pdf of `sample_sky` for a direction; 0 without an image."""
+    """Return the pdf per solid angle of `sample_sky` for a unit direction; 0 unless the sky is an image."""
     if world.sky[rec.SKY_KIND] != rec.PICTURE_SKY:
         return 0.0
     height, width = _size(world)
@@ -88,14 +88,17 @@ def sky_pdf(world: World, d: Vec3) -> float:
 
 @inline
 def _solid_angle(row: int, height: int, width: int) -> float:
-    """Return the solid angle of a pixel of a row."""
+    """Return the solid angle in steradians of a pixel in a row of an equirectangular image."""
     above, below = math.cos(row * math.pi / height), math.cos((row + 1) * math.pi / height)
     return (above - below) * 2.0 * math.pi / width
 
 
 @inline
 def sample_sky(world: World, u: float, v: float) -> LightSample:
-    """Importance-sample the image by two random numbers in [0, 1)."""
+    """Importance-sample the environment image: return a direction with its radiance over the pdf.
+
+    u, v : random numbers in [0, 1)
+    """
     height, width = _size(world)
     row = find_share(world.sky_rows, 0, height, v)
     at = row * (width + 1)
@@ -120,7 +123,7 @@ def sample_sky(world: World, u: float, v: float) -> LightSample:
 
 @inline
 def sky_irradiance(world: World, n: Vec3) -> Vec3:
-    """Return the unoccluded irradiance of a surface with a unit normal, by spherical harmonics of degree 2.
+    """Return the unoccluded irradiance from the sky of a surface with unit normal n, by harmonics of degree 2.
 
     The error is 1% for light from one hemisphere, and about 5% or more for small bright spots (Ramamoorthi and Hanrahan
     2001).

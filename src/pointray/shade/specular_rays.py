@@ -19,7 +19,7 @@ FAINT = 1e-3  # rays of lower throughput are not traced
 
 @inline
 def begin_specular(scratch: Scratch) -> None:
-    """Clear the stacks."""
+    """Clear the stacks of pending rays from mirrors and glass, one stack for each ray of the tile."""
     for i in range(sc.TILE):
         scratch.numbers[sc.WAITING_COUNT + i] = 0
         scratch.shading_points[sc.SHADING_DEPTH + i] = 0.0
@@ -27,7 +27,12 @@ def begin_specular(scratch: Scratch) -> None:
 
 @inline
 def push_ray(scratch: Scratch, i: int, d: Vec3, weight: Vec3, side: float) -> None:
-    """Push a ray from surface point i. weight : its throughput; side : on which it leaves the surface"""
+    """Push a ray that leaves surface point i in direction d onto the stack of rays to trace later.
+
+    Rays of throughput below FAINT are dropped.
+
+    weight : throughput, RGB; side : of the surface on which the ray leaves, +1 or -1
+    """
     count = scratch.numbers[sc.WAITING_COUNT + i]
     if max(weight[0], weight[1], weight[2]) < FAINT or count == sc.MOST_WAITING:
         return
@@ -43,7 +48,10 @@ def push_ray(scratch: Scratch, i: int, d: Vec3, weight: Vec3, side: float) -> No
 
 @inline
 def spawn_specular(world: World, max_depth: int, scratch: Scratch) -> None:
-    """Push the reflected and refracted rays of the tile's specular surface points, up to a depth."""
+    """Push the reflected and refracted rays of the tile's hits on mirrors and glass onto its stacks of pending rays.
+
+    max_depth : largest number of such reflections and refractions along a ray
+    """
     for i in range(sc.TILE):
         if not is_shaded(scratch, i) or scratch.shading_points[sc.SHADING_DEPTH + i] >= max_depth:
             continue
@@ -62,7 +70,7 @@ def spawn_specular(world: World, max_depth: int, scratch: Scratch) -> None:
 
 @inline
 def set_specular_rays(scratch: Scratch) -> bool:
-    """Pop one ray for each ray of the tile; return whether there are any."""
+    """Replace each ray of the tile by the last pending one of its stack, or by none; return whether there are any."""
     some = False
     for i in range(sc.TILE):
         count = scratch.numbers[sc.WAITING_COUNT + i] - 1

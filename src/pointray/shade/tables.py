@@ -26,14 +26,14 @@ EVEN_SKY = np.pi * 0.282095  # first harmonic of the irradiance, divided by the 
 
 
 def light_shares(lights: Floats, sky: Floats, sky_mean: Floats, bounds: Floats) -> Floats:
-    """Return the cumulative distribution by which paths choose a light.
+    """Return the cumulative distribution by which paths choose a light, roughly by emitted power.
 
     Parameters
     ----------
     lights : (n * 18,) float64
-        See `records.LIGHT`.
+        Records of the lights, see `records.LIGHT`.
     sky, sky_mean : (20,) and (27,) float64
-        See `records.World`; an environment image follows the last light.
+        The environment light and its irradiance, see `records.World`; an environment image follows the last light.
     bounds : (2, 3) float64
         Bounds of the scene's models; inf and -inf without models.
 
@@ -63,7 +63,10 @@ def light_shares(lights: Floats, sky: Floats, sky_mean: Floats, bounds: Floats) 
 
 
 def light_trees(lights: Floats) -> tuple[LightTree, LightTree]:
-    """Return trees of the lights that rays can hit: area lights in the world, and suns with a disk, by direction."""
+    """Build trees over the lights that rays can hit: (area lights by their world boxes, suns with a disk by direction).
+
+    lights : (n * 18,) float64, records of the lights, see `records.LIGHT`
+    """
     records = lights.reshape(-1, rec.LIGHT)
     kind = records[:, rec.LIGHT_KIND]
     sized = np.flatnonzero((kind != rec.POINT_LIGHT) & (kind != rec.SUN_LIGHT))
@@ -80,7 +83,11 @@ def _disk(radius: float) -> float:
 
 
 def _powers(records: Floats, radius: float) -> Floats:
-    """Return the power of each light, W, in its brightest channel. radius : of the disk for suns"""
+    """Return the power of each light, W, in its brightest channel, (n,).
+
+    records : (n, 18), see `records.LIGHT`; radius : of a disk around the scene, through which the flux of suns is
+        counted
+    """
     kind, area = records[:, rec.LIGHT_KIND], records[:, rec.LIGHT_AREA]
     factor = np.select([kind == rec.POINT_LIGHT, kind == rec.SUN_LIGHT], [4.0 * np.pi, _disk(radius)], np.pi * area)
     power = _brightest(records[:, rec.LIGHT_POWER : rec.LIGHT_POWER + 3])
@@ -89,7 +96,10 @@ def _powers(records: Floats, radius: float) -> Floats:
 
 
 def _radius(records: Floats, bounds: Floats) -> float:
-    """Return half the diagonal of the box around all models and lights with a position; 1 if that is zero."""
+    """Return half the diagonal of the box around all models and lights with a position; 1 if that is zero.
+
+    records : (n, 18), see `records.LIGHT`; bounds : (2, 3), of the models
+    """
     boxes = _boxes(records[records[:, rec.LIGHT_KIND] != rec.SUN_LIGHT])
     low = np.minimum(bounds[0], boxes[:, :3].min(axis=0, initial=np.inf))
     high = np.maximum(bounds[1], boxes[:, 3:].max(axis=0, initial=-np.inf))
@@ -98,7 +108,10 @@ def _radius(records: Floats, bounds: Floats) -> float:
 
 
 def _boxes(records: Floats) -> Floats:
-    """Return the world bounds of lights with a position, (n, 6)."""
+    """Return the world bounds of lights with a position, (n, 6): lo x y z, hi x y z.
+
+    records : (n, 18), see `records.LIGHT`
+    """
     kind, center = records[:, rec.LIGHT_KIND, None], records[:, rec.LIGHT_POSITION : rec.LIGHT_POSITION + 3]
     u, v = np.abs(records[:, rec.LIGHT_U : rec.LIGHT_U + 3]), np.abs(records[:, rec.LIGHT_V : rec.LIGHT_V + 3])
     with np.errstate(over="ignore"):
@@ -112,7 +125,10 @@ def _boxes(records: Floats) -> Floats:
 
 
 def _caps(records: Floats) -> Floats:
-    """Return the bounds of suns' disks on the unit sphere, (n, 6)."""
+    """Return boxes around the disks of suns as parts of the unit sphere, (n, 6): lo x y z, hi x y z.
+
+    records : (n, 18), see `records.LIGHT`
+    """
     middle = -records[:, rec.LIGHT_POSITION : rec.LIGHT_POSITION + 3]
     turn = np.arccos(np.clip(middle, -1.0, 1.0))
     half = (
@@ -124,7 +140,10 @@ def _caps(records: Floats) -> Floats:
 
 
 def _tree(boxes: Floats, numbers: NDArray[np.int64]) -> LightTree:
-    """Build a tree in depth-first order with skip indices, see `records.LightTree`."""
+    """Build a tree over lights for traversal without a stack: entries in depth-first order, with skip indices.
+
+    boxes : (n, 6), lo x y z, hi x y z; numbers : (n,), indices of the lights in `World.lights`
+    """
     count = len(boxes)
     if count <= TOGETHER:
         return LightTree(numbers.astype(np.int32), np.zeros(count, np.int32), np.zeros(6 * count))

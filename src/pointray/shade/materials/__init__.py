@@ -17,7 +17,7 @@ from .base import Material
 
 
 def material_kinds() -> dict[str, type[Material]]:
-    """Return all subclasses of `Material`, by name in lower case: those of this folder, and those of callers."""
+    """Return all subclasses of `Material`, by name in lower case: those of this folder and those of callers."""
     for file in pkgutil.iter_modules(__path__):
         import_module(f"{__name__}.{file.name}")
     return {known.__name__.lower(): known for known in Material.__subclasses__()}

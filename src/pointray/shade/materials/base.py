@@ -13,7 +13,10 @@ Color = ArrayLike | Attribute | None
 
 
 def record_of(kind: int, color: Color, name: str = "color") -> NDArray[np.float64]:
-    """Return the record of a kind of material with a colour from 0 to 1."""
+    """Return the record for kernels of a material, (10,) float64, with kind and colour set; validate the colour.
+
+    kind : such as `records.DIFFUSE`; color : 0 to 1, None or an Attribute for the surface's own; name : for messages
+    """
     out = np.zeros(MATERIAL_SIZE)
     out[MATERIAL_KIND], out[OWN_COLOR] = kind, color is None or isinstance(color, Attribute)
     out[BASE_COLOR : BASE_COLOR + 3] = reflectance(1.0 if out[OWN_COLOR] else color, name)
@@ -27,11 +30,17 @@ class Material:
         self.record()
 
     def record(self) -> NDArray[np.float64]:
-        """Return the record for kernels, (10,) float64; ValueError if a value is out of range."""
+        """Return the material's record for kernels, (10,) float64, see `records.MATERIAL_SIZE`.
+
+        Raises
+        ------
+        ValueError
+            If a parameter is out of range.
+        """
         raise NotImplementedError
 
     @property
     def attribute(self) -> Attribute | None:
-        """Return the attribute that colours the material, or None."""
+        """Attribute of the points that colours the material, or None."""
         color = getattr(self, "base_color", getattr(self, "color", None))
         return color if isinstance(color, Attribute) else None

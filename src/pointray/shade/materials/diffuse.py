@@ -44,7 +44,7 @@ class Diffuse(Material):
     color: Color = None
 
     def record(self) -> NDArray[np.float64]:
-        """Return the record for kernels, (10,) float64."""
+        """Return the material's record for kernels, (10,) float64: kind and colour, see `records.MATERIAL_SIZE`."""
         return record_of(DIFFUSE, self.color)
 
 
@@ -80,7 +80,7 @@ class Emissive(Material):
     color: Color = 0.0
 
     def record(self) -> NDArray[np.float64]:
-        """Return the record for kernels, (10,) float64."""
+        """Return the material's record for kernels, (10,) float64, with its radiance, see `records.MATERIAL_SIZE`."""
         out = record_of(EMISSIVE, self.color)
         out[EMITTED : EMITTED + 3] = rgb(self.radiance, "radiance")
         return out
@@ -88,12 +88,18 @@ class Emissive(Material):
 
 @inline
 def eval_diffuse(point: ShadingPoint, cosine: float) -> tuple[Vec3, float]:
-    """Return (BRDF times cosine, pdf)."""
+    """Evaluate Lambertian reflection: return (BRDF times cosine as RGB, pdf per solid angle of `sample_diffuse`).
+
+    cosine : of the angle between normal and light, positive
+    """
     pdf = cosine / math.pi
     return scale(point.color, pdf), pdf
 
 
 @inline
 def sample_diffuse(normal: Vec3, u: float, v: float) -> Vec3:
-    """Sample a direction with pdf cosine / pi by projecting the disc to the hemisphere (Malley's method)."""
+    """Sample a unit direction with pdf cosine / pi by projecting the disc to the hemisphere (Malley's method).
+
+    u, v : random numbers in [0, 1)
+    """
     return around(normal, math.sqrt(1.0 - u), v)

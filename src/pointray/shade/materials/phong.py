@@ -61,7 +61,7 @@ class Phong(Material):
     exponent: float = 20
 
     def record(self) -> NDArray[np.float64]:
-        """Return the record for kernels, (10,) float64."""
+        """Return the material's record for kernels, (10,) float64, with its highlight, see `records.MATERIAL_SIZE`."""
         out = record_of(PHONG, self.color)
         out[SPECULAR] = check_range(self.specular, "specular", 0, 1)
         out[EXPONENT] = min(check_range(self.exponent, "exponent", 0), MOST_EXPONENT)
@@ -70,13 +70,20 @@ class Phong(Material):
 
 @inline
 def _share_of_highlight(color: Vec3, specular: float) -> float:
-    """Return the probability of sampling the highlight, by the largest albedo of each lobe. specular > 0"""
+    """Return the probability of sampling Phong's highlight rather than its diffuse lobe, by the largest albedo of each.
+
+    color : of the diffuse lobe; specular : albedo of the highlight, above 0
+    """
     return specular / (specular + (1.0 - specular) * (color[0] + color[1] + color[2]) / 3.0)
 
 
 @inline
 def eval_phong(world: World, material: int, point: ShadingPoint, wi: Vec3, cosine: float) -> tuple[Vec3, float]:
-    """Return (BRDF times cosine, pdf)."""
+    """Evaluate the Phong material: return (BRDF times cosine as RGB, pdf per solid angle of `sample_phong`).
+
+    material : offset of its record in `world.materials`; wi : unit direction to the light
+    cosine : of the angle between normal and light, positive
+    """
     specular = world.materials[material + SPECULAR]
     diffuse, pdf = eval_diffuse(point, cosine)
     if specular == 0.0:  # skips the costly power
@@ -91,9 +98,11 @@ def eval_phong(world: World, material: int, point: ShadingPoint, wi: Vec3, cosin
 
 @inline
 def sample_phong(world: World, material: int, point: ShadingPoint, which: float, u: float, v: float) -> Vec3:
-    """Sample the diffuse lobe, or the highlight, whose directions may lie below the surface.
+    """Sample a unit direction of the diffuse lobe or the highlight (Lafortune and Willems 1994).
 
-    See Lafortune and Willems (1994).
+    Directions of the highlight may lie below the surface.
+
+    material : offset of its record in `world.materials`; which, u, v : random numbers in [0, 1), for lobe and direction
     """
     specular = world.materials[material + SPECULAR]
     if specular == 0.0 or which >= _share_of_highlight(point.color, specular):
@@ -104,6 +113,9 @@ def sample_phong(world: World, material: int, point: ShadingPoint, which: float,
 
 @inline
 def lobes_of_phong(world: World, material: int, point: ShadingPoint) -> tuple[Vec3, Vec3]:
-    """Return the albedos (diffuse, highlight), see `bsdf.lobes_of`."""
+    """Return the albedos (diffuse lobe, highlight) of a Phong material, RGB.
+
+    material : offset of its record in `world.materials`
+    """
     specular = world.materials[material + SPECULAR]
     return scale(point.color, 1.0 - specular), (specular, specular, specular)

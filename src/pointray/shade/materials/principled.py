@@ -30,6 +30,8 @@ def _coat(alpha: float) -> tuple[float, float, float]:
 
     This is a fit to integrals of F D G2 / (4 c) that is nowhere below them, so that facets and base conserve energy. It
     exceeds them by at most 0.015 for c > 0.2, and by at most 0.05 for c > 0.1.
+
+    alpha : roughness of GGX
     """
     rough = alpha**0.5
     least = 0.0404 - 0.0261 * rough**3.62
@@ -85,7 +87,7 @@ class Principled(Material):
     metallic: float = 0.0
 
     def record(self) -> NDArray[np.float64]:
-        """Return the record for kernels, (10,) float64."""
+        """Return the material's record for kernels, (10,) float64, with its roughness, see `records.MATERIAL_SIZE`."""
         out = record_of(PRINCIPLED, self.base_color, "base_color")
         alpha = max(check_range(self.roughness, "roughness", 0, 1) ** 2, LEAST_ALPHA)
         out[ALPHA], out[METALLIC] = alpha, check_range(self.metallic, "metallic", 0, 1)
@@ -100,7 +102,10 @@ def _mean(color: Vec3) -> float:
 
 @inline
 def _schlick(at_normal: Vec3, cosine: float) -> Vec3:
-    """Return the Fresnel reflectance, RGB (Schlick 1994)."""
+    """Return the Fresnel reflectance of a facet, RGB (Schlick 1994).
+
+    at_normal : reflectance at normal incidence; cosine : of the angle between light and the facet's normal
+    """
     x = max(1.0 - cosine, 0.0)
     rise = x * x * (x * x) * x
     return add(scale(at_normal, 1.0 - rise), (rise, rise, rise))
@@ -108,25 +113,37 @@ def _schlick(at_normal: Vec3, cosine: float) -> Vec3:
 
 @inline
 def _transmittance(coat: Vec3, cosine: float) -> float:
-    """Return the directional transmittance of dielectric facets to the base."""
+    """Return the fraction of light that dielectric facets transmit to the diffuse base below them.
+
+    coat : (a, b, p) of the fit from `_coat`; cosine : of the light's direction to the normal
+    """
     return 1.0 - coat[0] - coat[1] * max(1.0 - cosine, 0.0) ** coat[2]
 
 
 @inline
 def _mean_transmittance(coat: Vec3) -> float:
-    """Return the cosine-weighted mean of `_transmittance` over the hemisphere."""
+    """Return the fraction of uniform light that dielectric facets transmit to the diffuse base below them.
+
+    coat : (a, b, p) of the fit from `_coat`
+    """
     return 1.0 - coat[0] - 2.0 * coat[1] / ((coat[2] + 1.0) * (coat[2] + 2.0))
 
 
 @inline
 def _smith(alpha: float, cosine: float) -> float:
-    """Return the root in Smith's masking: G1 = 2 cosine / (cosine + root)."""
+    """Return the root in Smith's masking of GGX facets, G1 = 2 cosine / (cosine + root).
+
+    alpha : roughness; cosine : of the light or eye direction to the normal
+    """
     return math.sqrt(alpha * alpha + (1.0 - alpha * alpha) * cosine * cosine)
 
 
 @inline
 def _facets(alpha: float, cosine: float, cos_o: float, half: float) -> tuple[float, float]:
-    """Return (D G2 / (4 cosine cos_o) times cosine, pdf of visible normals); cosines are with the normal."""
+    """Evaluate GGX facets without Fresnel: return (D G2 / (4 cosine cos_o) times cosine, pdf by visible normals).
+
+    alpha : roughness; cosine, cos_o, half : cosines of light, eye and half vector to the surface normal
+    """
     spread = 1.0 + (alpha * alpha - 1.0) * half * half
     facets = alpha * alpha / (math.pi * spread * spread)
     both = 0.5 * cosine / (cosine * _smith(alpha, cos_o) + cos_o * _smith(alpha, cosine))
@@ -135,7 +152,10 @@ def _facets(alpha: float, cosine: float, cos_o: float, half: float) -> tuple[flo
 
 @inline
 def _share_of_facets(world: World, material: int, point: ShadingPoint, cos_o: float) -> float:
-    """Return the probability of sampling the facets rather than the base, roughly by their albedos."""
+    """Return the probability of sampling the facets rather than the diffuse base, roughly by their albedos.
+
+    material : offset of its record in `world.materials`; cos_o : cosine of the eye direction to the normal
+    """
     metallic, through = (
         world.materials[material + METALLIC],
         _transmittance(load3_flat(world.materials, material + COAT), cos_o),
@@ -147,7 +167,11 @@ def _share_of_facets(world: World, material: int, point: ShadingPoint, cos_o: fl
 
 @inline
 def eval_principled(world: World, material: int, point: ShadingPoint, wi: Vec3, cosine: float) -> tuple[Vec3, float]:
-    """Return (BRDF times cosine, pdf)."""
+    """Evaluate the Principled material: return (BRDF times cosine as RGB, pdf per solid angle of `sample_principled`).
+
+    material : offset of its record in `world.materials`; wi : unit direction to the light
+    cosine : of the angle between normal and light, positive
+    """
     metallic, coat = world.materials[material + METALLIC], load3_flat(world.materials, material + COAT)
     cos_o = dot(point.normal, point.wo)
     normal = unit(add(point.wo, wi))
@@ -164,7 +188,12 @@ def eval_principled(world: World, material: int, point: ShadingPoint, wi: Vec3, 
 
 @inline
 def sample_principled(world: World, material: int, point: ShadingPoint, which: float, u: float, v: float) -> Vec3:
-    """Sample the diffuse base, or a reflection at a visible facet, whose direction may lie below the surface."""
+    """Sample a unit direction of the diffuse base, or a reflection at a visible facet.
+
+    The latter may lie below the surface.
+
+    material : offset of its record in `world.materials`; which, u, v : random numbers in [0, 1), for lobe and direction
+    """
     normal, cos_o = point.normal, dot(point.normal, point.wo)
     if which >= _share_of_facets(world, material, point, cos_o):
         return sample_diffuse(normal, u, v)
@@ -180,7 +209,10 @@ def sample_principled(world: World, material: int, point: ShadingPoint, which: f
 
 @inline
 def _share_reflected(alpha: float, cosine: float) -> float:
-    """Return the albedo of facets without Fresnel loss; the rest is scattered between facets."""
+    """Return the albedo of GGX facets without Fresnel loss, from a table; the rest is scattered between facets.
+
+    alpha : roughness, 0 to 1; cosine : of the eye direction to the normal
+    """
     x, y = cosine * (COLUMNS - 1), alpha * (ROWS - 1)
     column, row = min(int(x), COLUMNS - 2), min(int(y), ROWS - 2)
     at, right, below = row * COLUMNS + column, x - column, y - row
@@ -193,7 +225,10 @@ def _share_reflected(alpha: float, cosine: float) -> float:
 
 @inline
 def lobes_of_principled(world: World, material: int, point: ShadingPoint) -> tuple[Vec3, Vec3]:
-    """Return the albedos (diffuse, facets), see `bsdf.lobes_of`."""
+    """Return the albedos (diffuse base, facets) of a Principled material at a point, RGB.
+
+    material : offset of its record in `world.materials`
+    """
     metallic, cos_o = world.materials[material + METALLIC], max(dot(point.normal, point.wo), 0.0)
     through = _transmittance(load3_flat(world.materials, material + COAT), cos_o)
     plain, share = (1.0 - metallic) * (1.0 - through), _share_reflected(world.materials[material + ALPHA], cos_o)
@@ -203,7 +238,7 @@ def lobes_of_principled(world: World, material: int, point: ShadingPoint) -> tup
 
 @inline
 def exponent_of_facets(alpha: float) -> float:
-    """Return the exponent of a lobe about the mirrored direction, as wide as that of the facets at normal incidence.
+    """Return the exponent of a lobe cos^exponent about the mirrored direction, as wide as GGX at normal incidence.
 
     It is a quarter of the exponent 2 / alpha^2 - 2 of the facets' normals (Walter et al. 2007).
     """

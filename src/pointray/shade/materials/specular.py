@@ -41,7 +41,7 @@ class Mirror(Material):
     color: Color = 1.0
 
     def record(self) -> NDArray[np.float64]:
-        """Return the record for kernels, (10,) float64."""
+        """Return the material's record for kernels, (10,) float64: kind and colour, see `records.MATERIAL_SIZE`."""
         return record_of(MIRROR, self.color)
 
 
@@ -77,7 +77,7 @@ class Dielectric(Material):
     ior: float = 1.5
 
     def record(self) -> NDArray[np.float64]:
-        """Return the record for kernels, (10,) float64."""
+        """Return the material's record for kernels, (10,) float64: kind and index, see `records.MATERIAL_SIZE`."""
         out = record_of(DIELECTRIC, 1.0)
         out[IOR] = check_range(self.ior, "ior", 0.01, 100)
         return out
@@ -97,9 +97,11 @@ def fresnel(cosine: float, beyond: float, ratio: float) -> float:
 
 @inline
 def glass(world: World, material: int, point: ShadingPoint) -> tuple[Vec3, Vec3, float]:
-    """Return (reflected direction, refracted direction, reflectance) of a Dielectric.
+    """Return (reflected direction, refracted direction, reflectance) of a Dielectric; directions are unit vectors.
 
     With total reflection, or at cosine 0, the reflectance is 1 and the refracted direction is the reflected one.
+
+    material : offset of its record in `world.materials`
     """
     ior = world.materials[material + IOR]
     ratio = ior if point.side > 0.0 else 1.0 / ior
@@ -115,7 +117,13 @@ def glass(world: World, material: int, point: ShadingPoint) -> tuple[Vec3, Vec3,
 
 @inline
 def sample_specular(world: World, material: int, point: ShadingPoint, which: float) -> tuple[Vec3, Vec3, float, float]:
-    """Sample a Mirror or a Dielectric, as `bsdf.sample_bsdf` does; the pdf is 0."""
+    """Sample a Mirror or a Dielectric: return (unit direction, weight as RGB, 0.0 for the pdf, side).
+
+    The side, +1.0 or -1.0, is that of the surface on which the new ray leaves.
+
+    material : offset of its record in `world.materials`
+    which : random number in [0, 1) that chooses between reflection and refraction
+    """
     if world.materials[material + MATERIAL_KIND] == MIRROR:
         return mirrored(point.wo, point.normal), point.color, 0.0, point.side
     reflected, refracted, share = glass(world, material, point)
