@@ -105,7 +105,7 @@ def _query(batch: Batch, slot: int) -> Query:
 
 @inline
 def _row(batch: Batch, slot: int) -> int:
-    """Return the output row of query `slot` of a batch: its number, or if there are none its index in the batch."""
+    """Return the output row of query `slot` of a batch: its number, or without numbers its index in the batch."""
     return i64(batch[1][slot]) if len(batch[1]) > 0 else slot - batch[2]
 
 

@@ -17,13 +17,13 @@ NARROWEST = 1e-15  # lower limit of a neighbourhood's radius, in the unit of the
 class Plane(NamedTuple):
     """Planes fitted to the neighbours of sixteen points, one in each lane.
 
+    Lengths are in the unit of the memory that the neighbours were loaded into: the distance of the farthest one.
+
     normal, one, two : orthogonal unit vectors; the last two lie in the plane
     mean : weighted mean of the neighbours, as an offset from the point
     reach : distance of the farthest neighbour that was used
     total : sum of the weights
     slimness : second largest variance over the largest; small if the neighbours lie on a line
-
-    Lengths are in the unit of the batch that the neighbours were loaded into, see `load_point`.
     """
 
     normal: Triple
@@ -39,7 +39,9 @@ class Plane(NamedTuple):
 def fit_plane(k: int, memory: FitBatch16) -> Plane:
     """Fit a plane to the k nearest neighbours of each of sixteen points, or to all if there are fewer.
 
-    The weight falls with distance to 1/e at the farthest of them. memory : holds the neighbours, receives the weights
+    The weight falls with distance to 1/e at the farthest of them.
+
+    memory : holds the neighbours, receives the weights
     """
     last = load_place(memory.places, k - 1)
     reach = vmax(vsqrt(inner(last, last)), broadcast16(f32(NARROWEST)))

@@ -31,6 +31,7 @@ Floats = NDArray[np.float64]
 
 class NormalsCheck(NamedTuple):
     """Result of `check_normals`: how far the normals of points deviate from their surface.
+
     Attributes
     ----------
     angle : float or None

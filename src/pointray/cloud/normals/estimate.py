@@ -153,9 +153,9 @@ def with_fits(
 
 
 def _stations_of(points: Points) -> NDArray[np.float64] | None:
-    """Return the scanner position that saw each point, (n, 3) or (3,), or None; warn of positions that must be wrong.
+    """Return the scanner position that saw each point, world, (n, 3) or (3,); None if unknown; warn of wrong positions.
 
-    A position is ignored if the points cannot have been seen from it.
+    A position is ignored if its points cannot have been seen from it. Rows without a position are NaN.
     """
     ignored = ignored_stations(points)
     warn_of_ignored(ignored, len(points.georeference.stations))
@@ -182,7 +182,7 @@ def repair_normals(
     points : Points
     progress : callable, optional
     ordering : KdOrdering, optional
-        The ordering of the points, if known.
+        The kd ordering of the points, if known.
 
     Returns
     -------

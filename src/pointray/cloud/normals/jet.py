@@ -42,7 +42,7 @@ def jet(k: int, slim: float, memory: FitBatch16) -> None:
 
     Rows of 16 floats: the quadric's normal at the point, the normal of the plane it is fitted over, RMS residual,
     variance of the slope for unit noise, height of the quadric at the point along the plane's normal, variance of that
-    height. Lengths are relative to the distance of the farthest loaded neighbour.
+    height for unit noise. Lengths are relative to the distance of the farthest loaded neighbour.
 
     Where there are fewer than 8 neighbours, or these lie on a line, the normal is the plane's, the residual 0 and the
     variance of the slope 1e30.

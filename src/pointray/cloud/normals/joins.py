@@ -29,12 +29,13 @@ class VoteTables(Protocol):
     """
 
     def __iter__(self) -> Iterator[Votes]:
-        """Yield the tables of votes in the order of their pairs of pieces; each pair occurs once."""
+        """Yield the tables of votes in the order of their pairs of pieces (sets of points); each pair occurs once."""
 
     def changed(self, change: Callable[[Votes], Votes], pieces: int) -> VoteTables:
         """Return the votes after `change` is applied to each table, with the votes of equal pairs added up.
 
-        change : renumbers pieces that were merged; pieces : their number afterwards
+        change : replaces pieces (sets of points whose normals agree) by larger ones they were joined to
+        pieces : number of pieces afterwards
         """
 
 
@@ -81,8 +82,8 @@ def _choose(pairs: Array, sums: Array, clear: Array, best: Array, partner: Array
 def _join(partner: Array, parent: Array, sign: Array) -> int:
     """Join each piece (points whose normals agree) with its chosen neighbour in a forest of groups (union-find).
 
-    partner : (p,) the neighbour, -1 minus it if the two disagree, or the piece itself if it has none
-    parent, sign : (p,) the forest: each piece's parent, and 1 or -1, whether it agrees with that
+    partner : (p,) the neighbour, -1 minus it if the two face opposite sides, or the piece itself if it has none
+    parent, sign : (p,) the forest: each piece's parent, and 1 or -1, whether it faces the same side as that
     """
     for p in range(len(partner)):
         if partner[p] == p:
@@ -98,12 +99,12 @@ def _join(partner: Array, parent: Array, sign: Array) -> int:
 
 @kernel
 def _number(parent: Array, sign: Array, number: Array) -> int:
-    """Number the groups of joined pieces in the order of their roots; return the number of groups.
+    """Number the groups of joined pieces (sets of points whose normals agree); return the number of groups.
 
-    Paths are halved on the way, which avoids quadratic time.
+    They are numbered in the order of their roots. Paths are halved on the way, which avoids quadratic time.
 
     parent : (p,) each piece's parent in its group
-    sign : (p,) 1 or -1, whether a piece agrees with its parent; afterwards, with the root
+    sign : (p,) 1 or -1, whether a piece faces the same side as its parent; afterwards, as the root
     number : (p,) receives the group of each piece
     """
     count = 0
@@ -122,7 +123,8 @@ def _number(parent: Array, sign: Array, number: Array) -> int:
 def _joined(pieces: int, tables: VoteTables) -> tuple[NDArray[np.int64], NDArray[np.int8], int]:
     """Join each piece (points whose normals agree) with the neighbour of the clearest vote, once.
 
-    Returns the group of each piece, (pieces,); 1 or -1, its sign in the group, (pieces,); the number of groups.
+    Returns the group of each piece, (pieces,); 1 or -1, by which its normals are multiplied to agree within the group,
+    (pieces,); the number of groups.
 
     pieces : number of pieces
     tables : votes between them

@@ -82,8 +82,8 @@ def _sides(work: Array, normals: Array, planes: Array, near: Array, signs: Array
 class Layers:
     """Planes through the neighbours of points in kd order, which show the side of noisy normals.
 
-    Points moved onto planes through 64 neighbours form one layer, along which signs propagate reliably. `fit_normals`
-    fills it.
+    Points moved onto planes through 64 neighbours form a single layer, whose normals agree more reliably with those of
+    neighbours. `fit_normals` fills it.
 
     Attributes
     ----------
@@ -94,7 +94,7 @@ class Layers:
     moved : (n, 3) float32
         Points moved onto their planes.
     near : (n, min(33, n)) int32
-        Neighbours of each point along which signs propagate, itself first.
+        Neighbours of each point, itself first, with whose planes its own is made consistent.
     """
 
     def __init__(self, positions: Floats) -> None:

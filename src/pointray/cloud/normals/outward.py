@@ -70,7 +70,7 @@ def even_directions(count: int) -> Doubles:
 
 
 def outward_votes(positions: Floats, normals: Floats) -> Doubles:
-    """Return how far outward the outermost points face in each of 64 directions: mean cosines, -1 to 1.
+    """Return how far outward the outermost points face in each of 64 directions, (64,): mean cosines, -1 to 1.
 
     positions, normals : (n, 3); 1% of the points are outermost in a direction
     """
@@ -101,7 +101,7 @@ def take_sample(
     sizes: Whole,
     earlier: Whole | None = None,
 ) -> Sample:
-    """Select the points that decide whether connected groups of normals face outward.
+    """Select the points that decide whether groups of consistent normals face outward: each n-th of a large group.
 
     Parameters
     ----------

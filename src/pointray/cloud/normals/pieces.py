@@ -43,6 +43,7 @@ def _agreements(table: Array, near: Array, core: int, first: int, q: int, k: int
     table : flat, eight floats per point, beginning with position and normal
     near : flat, k rows of neighbours for each point from row `core` of the table on
     first : index of the first of the 16 points, counted from `core`
+    out : (16,)
     """
     at = 8 * (core + first)
     n = load_apart16(table, at + 3, 8), load_apart16(table, at + 4, 8), load_apart16(table, at + 5, 8)
@@ -68,7 +69,9 @@ def climb(parent: Array, sign: Array, i: int) -> tuple[int, int]:
 
 @inline
 def _climb_halving(parent: Array, sign: Array, i: int) -> tuple[int, int]:
-    """Return the root above element i of a forest, and the sign relative to it, like `climb`; halve the path.
+    """Return the root above element i of a forest, and the sign relative to it, like `climb`; shorten the path.
+
+    Each element on the way gets its grandparent as parent, which halves later paths.
 
     parent, sign : (n,) parent of each element, and 1 or -1, the sign relative to it
     """

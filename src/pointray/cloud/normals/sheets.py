@@ -38,6 +38,8 @@ CHUNK = 256
 def _sides(work: Array, rows: Array, positions: Array, normals: Array, near: Array, out: Array) -> int:
     """Write the mean cosine, -1 to 1, between each point's normal and the directions to its neighbours.
 
+    It shows on which side of the normal a second sheet lies, to which most neighbours belong.
+
     work : gives each thread its next tile, 256 rows
     rows : (m,) the points
     positions, normals, near : (n, 3), (n, 3), and (n, k) rows of the neighbours, the point itself first
@@ -116,7 +118,7 @@ def scale_of(numbers: Floats, farther: Floats) -> float | None:
     """Return the divisor of spacings with which winding numbers are 0 outside and 1 inside; None if there is no inside.
 
     numbers : (m, 2) winding numbers one spacing in front of sampled points, and behind them
-    farther : (m, 2) the same at `STEP` spacings
+    farther : (m, 2) the same at 1.5 spacings
     """
     front, behind = numbers.T
     jump = float(np.median(behind - front))
@@ -128,7 +130,9 @@ def scale_of(numbers: Floats, farther: Floats) -> float | None:
 def is_odd(numbers: Floats) -> Flags:
     """Return which points, (m,) bool, have winding numbers in front and behind that do not add up to 1.
 
-    At a single sheet they add up to 1, outside and inside; at two sheets they do not. numbers : (m, 2)
+    At a single sheet they add up to 1, outside and inside; at two sheets they do not.
+
+    numbers : (m, 2)
     """
     return np.asarray(np.abs(numbers.sum(axis=1) - 1) > LOOSE)
 
@@ -182,7 +186,7 @@ class _Field:
         self.update()
 
     def update(self) -> None:
-        """Compute the tree of dipoles, from which winding numbers are summed, again with the current normals."""
+        """Rebuild the tree of dipoles, from which winding numbers are summed, with the current normals."""
         self._winding = Winding.of(Splats(self.positions, self.normals, self._spacing))
 
     def around(self, rows: Rows, step: float = STEP) -> Floats:

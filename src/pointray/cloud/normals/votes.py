@@ -60,7 +60,7 @@ def _cast_votes(
     work : gives each thread its next tile, 2048 points
     cloud : positions and normals, (n, 3) each
     near : (m, k) rows of the neighbours of the points from row `core` on, themselves first
-    labels : piece of each row, and its sign in the piece, (n,) each
+    labels : piece of each row, and 1 or -1, by which its normal is multiplied to agree with the piece, (n,) each
     starts : (tiles,) index of each tile's first edge
     pairs : (e,) receives 2^32 times the lower piece, plus the other one
     votes : (e,) receives the signed confidence that the two face the same side, in units of 2^-24
@@ -105,7 +105,7 @@ def cast_votes(
     piece : (n,) int32
         Piece of each row, numbered across the whole cloud.
     sign : (n,) int8
-        1 or -1: sign of each row in its piece.
+        1 or -1, by which the normal of each row is multiplied to agree with its piece.
     """
     tiles = -(-len(near) // CHUNK)
     counts = np.zeros(tiles, np.int64)
@@ -117,16 +117,17 @@ def cast_votes(
 
 
 def sum_votes(votes: Sequence[Votes]) -> Votes:
-    """Add up the votes of equal pairs of pieces in several tables."""
+    """Add up the votes of several tables for equal pairs of pieces (sets of points whose normals agree)."""
     if len(votes) == 1:
         return votes[0]
     return _add_up(*(np.concatenate(arrays) for arrays in zip(*votes, strict=True)))
 
 
 def merge_votes(votes: Votes, number: Whole, sign: NDArray[np.int8]) -> Votes:
-    """Return the votes between larger pieces, into which those of `votes` were merged.
+    """Return the votes between larger pieces (sets of points whose normals agree) that consist of the given ones.
 
-    number, sign : (p,) new piece of each piece, and 1 or -1, its sign in that
+    number : (p,) larger piece that each piece belongs to
+    sign : (p,) 1 or -1, by which its normals are multiplied to agree with that
     """
     one, other = votes.pairs >> 32, votes.pairs & 0xFFFFFFFF
     a, b = number[one], number[other]
@@ -136,7 +137,7 @@ def merge_votes(votes: Votes, number: Whole, sign: NDArray[np.int8]) -> Votes:
 
 
 def _add_up(pairs: Whole, sums: NDArray[Any], masses: NDArray[Any]) -> Votes:
-    """Sum up the votes of equal pairs of pieces.
+    """Sum up the votes of equal pairs of pieces (sets of points whose normals agree).
 
     pairs : (e,) 2^32 times the lower piece, plus the other one; in any order
     sums, masses : (e,) signed and absolute votes

@@ -48,9 +48,9 @@ class Frame(NamedTuple):
 
 
 class Splats(NamedTuple):
-    """Points for winding numbers, tile by tile: 4,096 consecutive points in kd order, fewer in a cloud's last tile.
+    """Points for winding numbers, in whole tiles: ranges of 4,096 points in kd order, fewer in a cloud's last one.
 
-    positions : (n, 3) float32, scaled, see `Frame`
+    positions : (n, 3) float32, scaled to an extent of 1
     normals : (n, 3) float32, unit
     spacing : (n,) float32, square roots of the points' areas
     """
@@ -102,6 +102,8 @@ def _distance(one: Array, i: int, other: Array, j: int) -> float:
 def _combine(nodes: Array, t: int, one: int, two: int) -> None:
     """Fill node t of a tree of dipoles from its children, nodes `one` and `two`.
 
+    A dipole approximates what distant points contribute to a winding number.
+
     nodes : (m, 8) centre, dipole, radius and area of each node; node t is zero
     """
     for child in (one, two):
@@ -118,9 +120,11 @@ def _combine(nodes: Array, t: int, one: int, two: int) -> None:
 
 @kernel
 def _grow(work: Array, positions: Array, normals: Array, spacing: Array, nodes: Array) -> int:
-    """Build the tree of dipoles of each tile; the root is node 1, children are 2i and 2i + 1, leaves have 16 points.
+    """Build a tree of dipoles for each tile (4,096 consecutive points); each stands for distant points below it.
 
-    work : gives each thread its next tile, 4096 points
+    The root is node 1, children of node i are 2i and 2i + 1, leaves have 16 points.
+
+    work : gives each thread its next tile
     positions, normals, spacing : (n, 3), (n, 3), and (n,) square roots of the points' areas
     nodes : (tiles * 512, 8) receives centre, dipole, radius and area of each node
     """
@@ -149,7 +153,7 @@ def _grow(work: Array, positions: Array, normals: Array, spacing: Array, nodes: 
 
 @kernel
 def _join_roots(top: Array) -> int:
-    """Build the tree over all tiles from their roots.
+    """Build the tree of dipoles over all tiles (4,096 consecutive points each) of a cloud, from their roots.
 
     top : (2^h, 8) nodes, children of node i are 2i and 2i + 1; the last half holds the roots of the tiles
     """
@@ -159,7 +163,10 @@ def _join_roots(top: Array) -> int:
 
 
 def trees_of(splats: Splats) -> Floats:
-    """Return the trees of dipoles of all tiles, (tiles * 512, 8): centre, dipole, radius and area of each node."""
+    """Return the trees of dipoles, each of 512 nodes, for all tiles of 4,096 consecutive points: (tiles * 512, 8).
+
+    The columns are centre, dipole, radius and area. A node stands for distant points below it.
+    """
     tiles = -(-len(splats.positions) // TILE)
     nodes = np.zeros((tiles * NODES, NUMBERS), np.float32)
     run(_grow, tiles, *splats, nodes)
@@ -167,12 +174,18 @@ def trees_of(splats: Splats) -> Floats:
 
 
 def roots_of(splats: Splats) -> Floats:
-    """Return the roots of all tiles' trees of dipoles, (tiles, 8): centre, dipole, radius and area of each tile."""
+    """Return the dipoles that stand for all tiles of 4,096 consecutive points, (tiles, 8).
+
+    The columns are centre, dipole, radius and area.
+    """
     return trees_of(splats)[1::NODES]
 
 
 def top_of(roots: Floats) -> Floats:
-    """Return the tree over all tiles of a cloud, (2^h, 8) nodes, from the roots of the tiles, (tiles, 8)."""
+    """Build the tree of dipoles over all tiles (4,096 consecutive points each) of a cloud, (2^h, 8) nodes.
+
+    roots : (tiles, 8) dipoles of the tiles, see `roots_of`
+    """
     leaves = 1 << (len(roots) - 1).bit_length()
     top = np.zeros((2 * leaves, NUMBERS), np.float32)
     top[leaves : leaves + len(roots)] = roots
@@ -192,7 +205,9 @@ def _dipole(x: float, y: float, z: float, u: float, v: float, w: float, soft: fl
 
 @inline
 def _below(t: int, tops: int, slots: Array, needed: Array) -> int:
-    """Return the first child of a node in the tree over all tiles and the trees of loaded tiles.
+    """Return the first child of a node in the tree of dipoles over all tiles and in those of loaded tiles.
+
+    A tile is a range of 4,096 points.
 
     Of a leaf return -1 minus its first point; 0 if there is no child, or its tile is not loaded.
 
@@ -217,13 +232,15 @@ def _below(t: int, tops: int, slots: Array, needed: Array) -> int:
 
 @kernel
 def _wind(work: Array, rows: Array, splats: Arrays, trees: Arrays, step: float, out: Array, needed: Array) -> int:
-    """Write the winding numbers a step in front of and behind the points, both in one traversal.
+    """Write the winding numbers a step in front of some points and behind them, both in one traversal.
+
+    Only some tiles, ranges of 4,096 points, are loaded.
 
     work : gives each thread its next tile, 256 rows
     rows : (m,) indices into the loaded splats
     splats : positions, normals and spacings (square roots of areas) of the points of loaded tiles
-    trees : nodes of the tree over all tiles, then of the loaded tiles; (1,) int64 number of the former; (tiles,) int32
-        index of each tile among the loaded ones, or -1
+    trees : nodes of the tree of dipoles over all tiles, then of those of loaded tiles; (1,) int64 number of the former;
+        (tiles,) int32 index of each tile among the loaded ones, or -1
     step : in spacings of the point
     out : (m, 2) receives the numbers in front and behind
     needed : (tiles,) int8, set to 1 for tiles that the numbers lack because they are not loaded
@@ -288,16 +305,18 @@ class Winding:
 
     @classmethod
     def of(cls, splats: Splats) -> Winding:
-        """Return the winding numbers of a whole cloud in memory."""
+        """Prepare winding numbers of a whole cloud in memory, given as points with normals and areas."""
         trees, tiles = trees_of(splats), -(-len(splats.positions) // TILE)
         winding = cls(top_of(trees[1::NODES]), tiles, lambda _: splats)
         winding._set_loaded(np.arange(tiles), splats, trees)
         return winding
 
     def around(self, rows: Rows, step: float) -> Floats:
-        """Return the winding numbers `step` spacings in front of points of the cloud and behind them, (m, 2).
+        """Return the winding numbers `step` point spacings in front of some points and behind them, (m, 2).
 
-        rows : (m,) the points
+        Tiles that are not loaded are read where they are needed.
+
+        rows : (m,) rows of the cloud
         """
         out, needed = np.empty((len(rows), 2), np.float32), np.zeros(self._tiles, np.int8)
         self._load(np.unique(rows // TILE))
@@ -312,7 +331,7 @@ class Winding:
         return out
 
     def _load(self, tiles: Rows) -> None:
-        """Load the tiles with these numbers, unless they are loaded."""
+        """Load the points of some tiles (numbers of ranges of 4,096 points), unless they are loaded."""
         loaded = np.union1d(self._loaded, tiles)
         if len(loaded) == len(self._loaded):
             return
