@@ -52,14 +52,14 @@ ROWS = 1 << 17  # rows of a table at a time
 
 @kernel
 def _examine(work: Array, positions: Array, rows: Array, near: Array, noises: Array, out: Array) -> int:
-    """Fit a surface to the neighbours of each row and decide whether the row lies off it.
+    """Fit a surface to the neighbours of each row and decide whether the row is a stray off it.
 
     work : gives each thread its next tile, 1024 rows
     positions, rows : (n, 3) points, and (m,) the rows
     near : (m, k) nearest neighbours of these rows
     noises : (m,) standard deviation of the points around from their surface
-    out : (m, 6) receives `OFF` (certainly off the surface), `MAYBE` or `DOUBT`; the offset to the surface, x y z; its
-        point spacing; the number of points on the row's side of it
+    out : (m, 6) receives `OFF` (certainly off the surface), `MAYBE` or `DOUBT` (off only if points next to it are); the
+        offset to the surface, x y z; its point spacing; the number of points on the row's side of it
     """
     positions, near, out, k = borrow(positions), borrow(near), borrow(out), near.shape[1]
     first, other = new_memory(k), new_memory(k)
@@ -163,7 +163,7 @@ def _join(
 def examine_rows(
     tree: NeighborTree, positions: Floats, rows: Rows, noise: Floats, progress: Progress | None = None
 ) -> Floats:
-    """Fit a surface to the neighbours of each row and decide whether the row lies off it.
+    """Fit a surface to the neighbours of each row and decide whether the row is a stray off it.
 
     tree : of the positions
     positions : (n, 3) in kd order
@@ -173,8 +173,8 @@ def examine_rows(
     Returns
     -------
     (m, 6) float32
-        `OFF` (certainly off the surface), `MAYBE` or `DOUBT`; offset to the surface, x y z; its point spacing; number
-        of points on the row's side of it.
+        `OFF` (certainly off the surface), `MAYBE` or `DOUBT` (off only if points next to it are); offset to the
+        surface, x y z; its point spacing; number of points on the row's side of it.
     """
     out = np.zeros((len(rows), 6), np.float32)
     for start in range(0, len(rows), ROWS):

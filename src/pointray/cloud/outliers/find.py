@@ -34,11 +34,11 @@ class Strays(NamedTuple):
     layer : (n,) bool
         In a sparse second layer, up to six spacings in front of or behind a surface.
     veil : (n,) bool
-        Between foreground and background, as seen from the scanner, if that is known.
+        Mixed returns between foreground and background, as seen from the scanner, if that is known.
     floating : (n,) bool
         In a small separate group, such as a bird, or part of a person walking by.
     lone : (n,) bool
-        Isolated.
+        Isolated: off a surface, but not in a layer, or much sparser than the points around.
 
     Examples
     --------
@@ -66,12 +66,15 @@ class Strays(NamedTuple):
 def find_strays(points: Points, viewpoint: ArrayLike | None = None, progress: StageProgress | None = None) -> Strays:
     """Find points that belong to no surface: second layers, veils, floating groups and isolated points.
 
+    A second layer consists of sparse points in front of a surface or behind it, as of a scan that does not fit. A veil
+    consists of mixed returns between foreground and background.
+
     Parameters
     ----------
     points : Points
     viewpoint : (3,) or (n, 3) array_like, optional
         World position of the scanner, or of the scanner that saw each point, NaN where unknown. None: the stations of
-        `points.georeference`, as for `estimate_normals`. Veils are found only where it is known.
+        `points.georeference`; the attribute "scan" holds each point's station. Veils are found only where it is known.
     progress : callable, optional
         Called as `progress(stage, share)` with the name of the stage and its completed share, 0 to 1.
 

@@ -37,7 +37,9 @@ def new_memory(k: int) -> Memory:
 def nth(values: Array, k: int, rank: int, scratch: Array) -> float:
     """Return the value with the given rank, from 0, among the first k: Hoare's quickselect.
 
-    It takes a third of the time of an insertion sort for k = 48. scratch : memory for k values
+    It takes a third of the time of an insertion sort for k = 48.
+
+    scratch : memory for k values
     """
     for i in range(k):
         scratch[i] = values[i]
@@ -83,7 +85,10 @@ def _weigh(r: Array, k: int, sizes: Array, scratch: Array, w: Array) -> tuple[fl
 
 @inline
 def _least_ratio(a: Array) -> float:
-    """Return the least diagonal element of a 3 x 3 matrix over the second least."""
+    """Return the least variance of k points over the second least: small if they are flat.
+
+    a : (3, 3) diagonalised covariance matrix
+    """
     low, high = min(a[0, 0], a[1, 1]), max(a[0, 0], a[1, 1])
     least = min(low, a[2, 2])
     return least / max(max(low, min(high, a[2, 2])), 1e-300)

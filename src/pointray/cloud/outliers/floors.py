@@ -50,7 +50,7 @@ class FloorSearch:
     Parameters
     ----------
     positions : (n, 3) float32
-        Distinct, in kd order; at least `LEAST`.
+        Distinct, in kd order; at least 20.
     """
 
     def __init__(self, positions: Floats) -> None:
@@ -84,7 +84,7 @@ class FloorSearch:
         return off[_in_layer(self._details[off])]
 
     def forget(self) -> None:
-        """Discard which points lie off their surface; keep the surfaces fitted to groups of points."""
+        """Discard the results of `examine`: which points lie off their surface. Keep the fitted surfaces."""
         self._verdicts[:], self._details[:] = 0.0, 0.0
 
     def floors(self) -> Floors:

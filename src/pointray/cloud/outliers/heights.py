@@ -53,7 +53,7 @@ def _sort_out(near: Array, i: int, scans: Array, row: int, slots: Array, w: Arra
     scans : (n,) scan of each point, negative where unknown
     slots : (64,) receives the number of each neighbour's scan, or -1
     w : (64,) receives 1 for neighbours of scans with at least 6 of them, else 0
-    known : (8, 5) receives the number of neighbours of each scan
+    known : (8, 5) receives the number of neighbours of each of at most 8 scans in its first column
     """
     first = np.empty(MOST, np.int64)
     first[0], count = scans[row], 1
@@ -75,7 +75,7 @@ def _sort_out(near: Array, i: int, scans: Array, row: int, slots: Array, w: Arra
 
 @routine
 def _center(values: Array, columns: int, slots: Array, w: Array, known: Array, means: Array, out: Array) -> int:
-    """Write values minus the mean over their scan to `out`, and the means.
+    """Subtract from values of 64 neighbours the mean over each one's scan; write the differences to `out`.
 
     values : (64, c) of the neighbours; columns : how many of the c columns
     slots, w : (64,) number of each neighbour's scan; 0 if the neighbour is not used
@@ -174,7 +174,7 @@ def _heights(work: Array, positions: Array, rows: Array, near: Array, scans: Arr
     near : (m, 64) nearest neighbours of these rows
     scans : (n,) scan of each point, negative where unknown
     facing : (n, 3) unit vectors to the scanner that saw each point, 0 where unknown
-    out : (m, 4)
+    out : (m, 4) receives the move, and 1 or 0
     """
     positions, near, facing, out = borrow(positions), borrow(near), borrow(facing), borrow(out)
     memory = _new_memory()
@@ -243,6 +243,7 @@ def heights(positions: Floats, rows: Rows, near: NDArray[np.int32], scans: NDArr
     Returns
     -------
     (m, 4) float32
+        x, y and z of the move, and 1 where it is clear, else 0.
     """
     out = np.zeros((len(rows), 4), np.float32)
     run(_heights, -(-len(rows) // CHUNK), positions, rows, near, scans, facing, out)

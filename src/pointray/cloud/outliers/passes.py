@@ -105,7 +105,7 @@ def _shifts(
 
 
 def _scans_of(points: Points) -> NDArray[np.int32] | None:
-    """Return the scan of each point by its attributes, (n,), -1 where unknown; None if there are fewer than two."""
+    """Return the scan of each point by its attributes, (n,), -1 where unknown; None with fewer than two scans."""
     for name in IDS:
         values = points.attributes.get(name)
         if values is None or values.ndim != 1 or values.dtype == np.bool_:
