@@ -89,6 +89,7 @@ def find_flaws(points: Points, progress: StageProgress | None = None) -> Flaws:
 
 def clean(points: Points, duplicates: bool = True, outliers: bool = True) -> Points:
     """Remove exact duplicates, and distant outliers: points far from everything else, alone or in a small group.
+
     The first of several equal positions is kept, and so are rows that are not finite.
 
     Parameters

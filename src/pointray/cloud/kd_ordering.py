@@ -34,7 +34,9 @@ class KdOrdering(NamedTuple):
     def moved(self, points: Points) -> KdOrdering:
         """Return the ordering of the same points at other positions, (n, 3), which keep their places in the kd order.
 
-        They are not sorted again, so the order is exact only where points hardly moved. points : with the new positions
+        They are not sorted again, so the order is exact only where points hardly moved.
+
+        points : the same rows, all finite, with the new positions
         """
         finite, order = np.flatnonzero(points.finite), self.order()
         positions = take(points.positions, finite[order])

@@ -478,7 +478,8 @@ def categories_of(values: NDArray[Any], name: str = "") -> tuple[int, ...] | Non
     """Return the categories of a column: its distinct values, if it holds bools or few different integers; else None.
 
     values : (n,) or (n, k)
-    name : of the attribute; labels may have more values and fewer points, and measures have no categories
+    name : of the attribute; labels such as "classification" may have more values and fewer points, and measures such as
+        "intensity" have no categories
     """
     if values.ndim != 1 or _plain(name) in MEASURES:
         return None

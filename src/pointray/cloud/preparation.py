@@ -60,7 +60,7 @@ def placed_for_model(points: Points, sigma: str | float, merge: bool, progress: 
 
 
 def check_model_memory(count: int) -> None:
-    """Raise a ValueError if the memory for a model of `count` points is not available; small clouds are not checked."""
+    """Raise a ValueError if there is too little memory to make a model of `count` points; small clouds always pass."""
     if count < SMALL:
         return
     try:

@@ -32,7 +32,7 @@ APART = 1.1  # steps between neighbours: a raster has 1, random points less than
 
 
 def find_rounding(points: Points) -> tuple[tuple[float, float, float], str | None]:
-    """Find the steps that coordinates were rounded to, where these are coarse for the spacing.
+    """Find the steps that coordinates were rounded to, where these are coarse for the point spacing.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def find_rounding(points: Points) -> tuple[tuple[float, float, float], str | Non
     steps : tuple of three floats
         Steps of x, y and z, in the points' unit; 0 if not rounded, or too finely to be visible.
     message : str or None
-        One line that describes the rounding.
+        One line that describes the rounding; None if no step is coarse.
     """
     none = (0.0, 0.0, 0.0)
     finite = points.finite

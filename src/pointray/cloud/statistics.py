@@ -125,7 +125,10 @@ class CloudStatistics:
         return other
 
     def some(self, count: int, most: int) -> Rows:
-        """Return at most `most` random rows of the sample. count : number of points in memory"""
+        """Return at most `most` random rows of the sample.
+
+        count : number of points in memory
+        """
         rows = np.random.default_rng(0).permutation(count if self._rows is None else len(self._rows))[:most]
         return rows if self._rows is None else self._rows[rows]
 
@@ -153,7 +156,10 @@ class CloudStatistics:
         return np.zeros(0, np.int64) if self._is_complete else self.spread(count, SAMPLE)
 
     def _of_sample(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Return the values of the sampled points. values : (n, ...) one row per point in memory"""
+        """Return the values of the sampled points.
+
+        values : (n, ...) one row per point in memory
+        """
         rows = self._rows
         if self._members is not None:
             rows = self._members if rows is None else self._members[rows]

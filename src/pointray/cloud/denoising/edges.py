@@ -41,9 +41,10 @@ PART = 1 << 16  # rows at a time
 
 @inline
 def _over(model: Array, a: int, x: Vec3) -> float:
-    """Return the signed distance of x from plane `a` of a crease, positive outside.
+    """Return the signed distance of x from plane `a` of an edge or corner, positive outside the solid.
 
-    model : number of planes, then x, y, z of the normal, and the offset, of each
+    model : number of planes, then x, y, z of the outward normal, and the offset, of each
+    x : relative to the point that the planes were fitted at
     """
     at = 1 + 4 * a
     return f64(model[at]) * x[0] + f64(model[at + 1]) * x[1] + f64(model[at + 2]) * x[2] + f64(model[at + 3])
@@ -56,6 +57,7 @@ def onto(model: Array, x: Vec3, rounding: float, shares: Array) -> tuple[Vec3, V
     Hildreth's method finds the nearest point of the solid shrunk by the rounding.
 
     model : planes of the solid: their number, then x, y, z of the outward normal, and the offset, of each
+    x : relative to the point that the planes were fitted at, as is the result
     rounding : radius of the edges
     shares : memory for one float per plane
     """
@@ -86,7 +88,9 @@ def onto(model: Array, x: Vec3, rounding: float, shares: Array) -> tuple[Vec3, V
 
 @inline
 def _side(model: Array, normals: Array, row: int) -> float:
-    """Return 1 if the normal of a row faces out of a crease's solid, else -1; the plane most parallel to it decides.
+    """Return 1 if the normal of a row faces out of the solid that planes bound, else -1.
+
+    The plane most parallel to the normal decides.
 
     model : number of planes, then x, y, z of the outward normal, and the offset, of each
     """
@@ -111,15 +115,14 @@ def _settle(
     models: Array,
     out: Array,
 ) -> int:
-    """Compute how points near creases move: the mean of the moves onto the rounded edges fitted at rows nearby.
+    """Compute how points near edges and corners move: the mean of the moves onto the rounded edges fitted nearby.
 
     work : gives each thread its next tile, 512 rows
     positions, normals : (n, 3), of all points
     rows : (m,) the points to move
     near : (m, k) nearby entries of `fitted_rows`, or -1
     fitted_rows, models : (c,) rows at which planes were fitted, and (c, 14) these planes
-    out : (m, 8) receives the move, the normal there, and 1, or 0 if there is no crease; the last column holds the
-        spacing
+    out : (m, 8) receives the move, the normal there, and 1, or 0 if there is no edge; the last column holds the spacing
     """
     positions, normals, near = borrow(positions), borrow(normals), borrow(near)
     models, out = borrow(models), borrow(out)

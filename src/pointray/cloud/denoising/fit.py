@@ -42,7 +42,7 @@ def _fit(
     sizes : numbers of neighbours to try, ascending
     noise : (m,) standard deviation of the distance from the surface
     out : (m, 11) receives the move onto the quadric, its normal there, the normal of a plane through the neighbours,
-        what the largest quadric leaves beyond the noise, and the error of the best one
+        the residual beyond noise of the quadric through most neighbours, and the estimated error of the best one
     """
     positions, rows, near = borrow(positions), borrow(rows), borrow(near)
     normals, noise, out = borrow(normals), borrow(noise), borrow(out)
@@ -94,8 +94,9 @@ def _choose(sizes: Array, memory: FitBatch16, found: Array) -> None:
 
     sizes : numbers of neighbours to try, ascending
     memory : neighbours of 16 points, scaled so that the farthest one is at distance 1
-    found : (12 * 16,) receives the move onto the quadric, its normal, the plane's normal, what the largest quadric
-        leaves beyond the noise, and the error; the last row holds the squared noise. Lengths are in the scaled unit
+    found : (12 * 16,) receives the move onto the quadric, its normal, the plane's normal, the residual beyond noise of
+        the quadric through most neighbours, and the estimated error; the last row holds the squared noise. Lengths are
+        scaled likewise
     """
     square, counts = load16(found, LANES * SQUARE), load16(memory.counts, 0)
     least, left = broadcast16(INF), zeros()
@@ -164,7 +165,8 @@ def fit_surface(
         The move of each row onto its quadric, the unit normal there, and the unit normal of the plane through the
         neighbours. 0 where the neighbours lie on a line.
     errors : (m, 2) float32
-        What the quadric through most neighbours leaves beyond noise, and the error of the chosen fit, in the same unit.
+        Residual, beyond noise, of the quadric through most neighbours, and estimated error of the chosen one, in the
+        same unit.
     """
     out = np.zeros((len(rows), 11), np.float32)
     known = np.zeros((0, 3), np.float32) if normals is None else normals
