@@ -219,7 +219,7 @@ def _fit(work: Array, positions: Array, rows: Array, near: Array, errors: Array,
     near : (m, k) nearest neighbours of these rows
     errors : (m, 2) noise, and estimated error of the quadric fitted to the row's neighbours, in the points' unit
     residuals : (m,) RMS residuals of a quadric through all k neighbours; NaN where they lie on a line
-    out : (m, 14) see `store_model`
+    out : (m, 14) receives the number of planes; x, y, z of the normal and the offset of each; the weight
     """
     positions, rows, near = borrow(positions), borrow(rows), borrow(near)
     errors, residuals, out = borrow(errors), borrow(residuals), borrow(out)

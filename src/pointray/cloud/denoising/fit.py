@@ -96,7 +96,7 @@ def _choose(sizes: Array, memory: FitBatch16, found: Array) -> None:
     memory : neighbours of 16 points, scaled so that the farthest one is at distance 1
     found : (12 * 16,) receives the move onto the quadric, its normal, the plane's normal, the residual beyond noise of
         the quadric through most neighbours, and the estimated error; the last row holds the squared noise. Lengths are
-        scaled likewise
+        in the unit of the scaled neighbours
     """
     square, counts = load16(found, LANES * SQUARE), load16(memory.counts, 0)
     least, left = broadcast16(INF), zeros()

@@ -54,7 +54,7 @@ class NoiseRanges(NamedTuple):
     spacing: NDArray[np.float64]
 
     def interpolate(self, rows: NDArray[np.int64]) -> tuple[Floats, Floats]:
-        """Interpolate noise and spacing, (n,) float32 each, at rows of the kd order between the middles of the ranges.
+        """Return noise and spacing, (n,) float32 each, at rows of the kd order, interpolated between ranges.
 
         rows : (n,) numbers in the kd order of the whole cloud
         """

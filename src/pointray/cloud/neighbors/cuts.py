@@ -275,7 +275,7 @@ def _digits_at(counts: NDArray[np.int32], ranks: Whole) -> tuple[Whole, Whole]:
 
 
 def _values_of(keys: Whole) -> Floats:
-    """Return the float32 coordinates that integer keys, see `_key`, encode."""
+    """Decode keys, integers that sort like float32 coordinates, to these coordinates."""
     return np.where(keys >= ZERO, keys - ZERO, -keys).astype(np.int32).view(np.float32)
 
 

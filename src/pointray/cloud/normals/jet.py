@@ -93,9 +93,9 @@ def take_triple(mask: Mask, a: Array, at_a: int, b: Array, at_b: int, out: Array
 
 @inline
 def _lay_down(k: int, plane: Plane, memory: FitBatch16) -> Moments:
-    """Convert the k nearest neighbours to the axes of a plane; return the sums over them for the fit of a quadric.
+    """Write the k nearest neighbours in the axes of a plane to the memory; return the sums over them for a quadric.
 
-    They are scaled so that the farthest one is at distance 1.
+    Two coordinates in the plane, and the height above it, scaled so that the farthest one is at distance 1.
     """
     scale = ONE / plane.reach
     u, v, n = plane.one, plane.two, plane.normal

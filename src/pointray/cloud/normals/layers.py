@@ -101,7 +101,7 @@ class Layers:
         self._positions, self.noisy = positions, False
 
     def needed(self, noise: float) -> int:
-        """Return how many neighbours of each point planes are fitted to, 64; 0 if the points have too little noise.
+        """Return how many neighbours of each point are needed: 64 if planes are fitted, 0 if the noise is too small.
 
         noise : standard deviation of the points from the surface, in spacings
         """

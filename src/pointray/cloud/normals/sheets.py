@@ -151,7 +151,7 @@ def is_wrong(rows: Rows, numbers: Floats, positions: Floats, normals: Floats, ne
 
 
 def energy(numbers: Floats) -> Floats:
-    """Return the summed squared distances of winding numbers in front and behind, (m, 2), from 0 or 1, (m,).
+    """Return the summed squared distances of winding numbers in front and behind, (m, 2), from the nearer of 0 and 1.
 
     Normals with the right signs give small values.
     """

@@ -83,7 +83,9 @@ def _are_smooth(groups: Floats) -> NDArray[np.bool_]:
 
 
 def _nearest_in_direction(directions: NDArray[np.float64]) -> NDArray[np.int32]:
-    """Return the row of the other direction that is nearest to each, (n,); from afar all may be close together.
+    """Return the row of the direction that is nearest to each one, other than itself, (n,).
+
+    They are centred and scaled before the search: seen from afar, all may be close together.
 
     directions : (n, 3) unit vectors
     """

@@ -62,7 +62,7 @@ class Splats(NamedTuple):
 
 @kernel
 def _spacings(work: Array, positions: Array, near: Array, core: int, out: Array) -> int:
-    """Write the square roots of the areas of the points from row `core` on, from the distances of their neighbours.
+    """Write the square roots of the areas that the points from row `core` on stand for, by distances of neighbours.
 
     work : gives each thread its next tile, 256 points
     positions : (n, 3)
@@ -83,7 +83,7 @@ def _spacings(work: Array, positions: Array, near: Array, core: int, out: Array)
 
 
 def spacings(positions: Floats, near: NDArray[np.int32], core: int = 0) -> Floats:
-    """Return the square roots of the areas, (m,), of the points from row `core` on, from distances to neighbours.
+    """Return the square roots of the areas, (m,), that the points from row `core` on stand for, by their neighbours.
 
     near : (m, k) rows of the neighbours, each point first
     """
