@@ -116,7 +116,9 @@ class CloudStatistics:
         return self.get_or_compute(name, lambda: quantize(float(self._of_sample(flags).mean())))
 
     def merged(self, members: Rows) -> CloudStatistics:
-        """Return the same statistics for values that have one row for several merged points; they are cached apart.
+        """Return the same statistics for values with one row for each group of merged points instead of each point.
+
+        Numbers are cached under other names, since merging changes them.
 
         members : (n,) the row of these values for each point in memory
         """

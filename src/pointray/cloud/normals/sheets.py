@@ -168,8 +168,7 @@ def is_unsure(before: Floats, after: Floats) -> Flags:
 
 
 def disagrees(rows: Rows, positions: Floats, normals: Floats, near: NDArray[np.int32]) -> Flags:
-    """Return which normals, (m,) bool, contradict those of their neighbours.
-
+    """Return which normals, (m,) bool, contradict those of their neighbours, according to `agreement` with each.
     rows : (m,) the points
     positions, normals, near : (n, 3), (n, 3), and (n, k) rows of the neighbours, the point itself first
     """

@@ -120,7 +120,7 @@ def _combine(nodes: Array, t: int, one: int, two: int) -> None:
 
 @kernel
 def _grow(work: Array, positions: Array, normals: Array, spacing: Array, nodes: Array) -> int:
-    """Build a tree of dipoles for each tile (4,096 consecutive points); each stands for distant points below it.
+    """Build a tree of dipoles for each tile (4,096 consecutive points); each approximates the points below, from afar.
 
     The root is node 1, children of node i are 2i and 2i + 1, leaves have 16 points.
 
@@ -292,7 +292,7 @@ class Winding:
     Parameters
     ----------
     top : (m, 8) float32
-        Tree of dipoles over all tiles (4,096 points each), see `top_of`.
+        Tree of dipoles, which approximate distant points, over all tiles (4,096 points each), see `top_of`.
     tiles : int
         Number of tiles of the cloud.
     read : callable

@@ -26,7 +26,11 @@ SPREAD = 1.5  # standard deviation over the median absolute residual, for six fi
 
 @inline
 def new_memory(k: int) -> Memory:
-    """Return the memory of one thread for robust fits to k points."""
+    """Return the memory of one thread for robust fits of a plane and a quadric to k points.
+
+    Arrays for offsets, weights, residuals, and twice k values; terms, coefficients and Cholesky factor of the quadric;
+    eigenvalues and eigenvectors for the plane.
+    """
     d, terms = np.empty((k, 3)), np.empty((k, TERMS + 1))
     w, r, sizes, scratch = np.empty(k), np.empty(k), np.empty(k), np.empty(k)
     x, m, a, v = np.empty(TERMS), np.zeros((TERMS, TERMS)), np.empty((3, 3)), np.empty((3, 3))
