@@ -56,7 +56,7 @@ class KdOrdering(NamedTuple):
 
 
 def compute_kd_ordering(points: Points) -> KdOrdering:
-    """Sort the distinct positions of points along a kd order, so that neighbours are close in memory."""
+    """Return the distinct positions of points in kd order, where neighbours are close in memory, and their rows."""
     finite = points.finite
     whole = bool(finite.all())
     positions = points.positions if whole else points.positions[finite]

@@ -238,7 +238,7 @@ class RepairedNormals(NamedTuple):
 def normalize_normals(points: Points, counted: NDArray[np.int64] | None = None) -> RepairedNormals | None:
     """Return the normals of points at unit length, missing ones interpolated from the nearest; None if none is valid.
 
-    counted : rows among which missing and odd ones are counted. None: all
+    counted : rows among which missing normals, and those not of unit length, are counted. None: all
     """
     assert points.normals is not None
     finite = points.finite
