@@ -33,7 +33,8 @@ class Flaws(NamedTuple):
     duplicates : (n,) bool
         Rows with exactly the same position as an earlier row.
     outliers : (n,) bool
-        Rows far from everything else.
+        Rows far from everything else, alone or in a small group: more than 12 times as far as a point there is from its
+        eighth neighbour.
 
     Examples
     --------
@@ -47,7 +48,7 @@ class Flaws(NamedTuple):
 
 
 def find_flaws(points: Points, progress: StageProgress | None = None) -> Flaws:
-    """Find exact duplicates and distant outliers.
+    """Find exact duplicates, and distant outliers: points far from everything else, alone or in a small group.
 
     Rows that are not finite are neither.
 
@@ -87,7 +88,7 @@ def find_flaws(points: Points, progress: StageProgress | None = None) -> Flaws:
 
 
 def clean(points: Points, duplicates: bool = True, outliers: bool = True) -> Points:
-    """Remove exact duplicates and distant outliers.
+    """Remove exact duplicates, and distant outliers: points far from everything else, alone or in a small group.
 
     The first of several equal positions is kept, and so are rows that are not finite.
 
@@ -120,7 +121,10 @@ def clean(points: Points, duplicates: bool = True, outliers: bool = True) -> Poi
 
 
 def _far(positions: NDArray[np.float32], progress: Progress | None) -> NDArray[np.bool_]:
-    """Return which positions, all distinct, are outliers."""
+    """Return which of m distinct positions lie alone or in a small group, far from all others, (m,) bool.
+
+    positions : (m, 3) float32
+    """
     n = len(positions)
     far = np.zeros(n, np.bool_)
     if n <= 2 * AROUND:  # too few for statistics

@@ -47,7 +47,7 @@ class LocalFrame(NamedTuple):
 
     @classmethod
     def of(cls, georeference: Georeference) -> LocalFrame | None:
-        """Return the frame of points with this georeference; None if they have the file's own coordinates.
+        """Return the frame that a georeference's projection describes; None if points have the file's own coordinates.
 
         Raises
         ------
@@ -66,7 +66,7 @@ class LocalFrame(NamedTuple):
         return f"{self.method} +lat_0={latitude} +lon_0={longitude} +ellps=WGS84 +units=m"
 
     def to_local(self, degrees: NDArray[Any]) -> Floats:
-        """Convert longitudes, latitudes and heights, (n, 3), to metres east, north and up."""
+        """Convert longitudes, latitudes (degrees) and heights, (n, 3), to metres east and north, and heights."""
         rows = np.asarray(degrees, np.float64)
         if self.method == PROJ:
             east, north = _transformer(str(self)).transform(rows[:, 0], rows[:, 1])
@@ -74,7 +74,7 @@ class LocalFrame(NamedTuple):
         return (rows - (self.longitude, self.latitude, 0.0)) * self._metres
 
     def to_degrees(self, local: NDArray[Any]) -> Floats:
-        """Convert metres east, north and up, (n, 3), to longitudes, latitudes and heights."""
+        """Convert metres east and north, and heights, (n, 3), to longitudes, latitudes (degrees) and heights."""
         rows = np.asarray(local, np.float64)
         if self.method == PROJ:
             longitude, latitude = _transformer(str(self)).transform(rows[:, 0], rows[:, 1], direction="INVERSE")
@@ -84,7 +84,10 @@ class LocalFrame(NamedTuple):
 
     @property
     def _metres(self) -> Floats:
-        """Metres per degree of longitude and latitude, and 1: radii of curvature (Snyder 1987, eq. 4-18 to 4-21)."""
+        """Metres per degree of longitude and of latitude, and 1 for heights, (3,): radii of curvature of the ellipsoid.
+
+        Snyder 1987, eq. 4-18 to 4-21.
+        """
         latitude = np.radians(self.latitude)
         across = RADIUS / np.sqrt(1 - ECCENTRICITY2 * np.sin(latitude) ** 2)
         along = across**3 * (1 - ECCENTRICITY2) / RADIUS**2
@@ -100,13 +103,15 @@ def _transformer(projection: str) -> Any:
 
 
 def _finite(rows: Floats) -> Floats:
-    """Replace rows that pyproj could not project, which are infinite, by NaN."""
+    """Replace rows, (n, 3), that pyproj could not project, which are infinite, by NaN."""
     rows[np.isinf(rows).any(axis=1)] = np.nan
     return rows
 
 
 def projected(georeference: Georeference, sample: NDArray[Any]) -> Georeference:
-    """Return the georeference with a projection, with a warning, if coordinates are geographic; else unchanged.
+    """Add a projection to a georeference, with a warning, if a file's coordinates are degrees; else return it as it is.
+
+    Stations are converted to metres east and north of the sample's median; the caller converts points.
 
     Parameters
     ----------
@@ -141,13 +146,13 @@ def projected(georeference: Georeference, sample: NDArray[Any]) -> Georeference:
 
 
 def in_file(georeference: Georeference, world: NDArray[Any]) -> NDArray[Any]:
-    """Return coordinates as in the file: in degrees if the georeference has a projection. world : (n, 3)"""
+    """Convert world coordinates, (n, 3), to those of the file: degrees if the georeference has a projection."""
     frame = LocalFrame.of(georeference)
     return world if frame is None else frame.to_degrees(world)
 
 
 def is_geographic(georeference: Georeference) -> bool:
-    """Return whether a file's coordinate system uses degrees."""
+    """Return whether a file's coordinate system uses degrees of longitude and latitude."""
     crs = georeference.crs or ""
     code = re.fullmatch(r"EPSG:(\d{4,5})", crs.strip(), re.IGNORECASE)
     if code is not None:

@@ -76,7 +76,7 @@ class Georeference:
 
     @property
     def facts(self) -> dict[str, Any]:
-        """Values as JSON types, for `Georeference(**facts)`."""
+        """The fields that are set, by name, as JSON types: `Georeference(**facts)` restores the georeference."""
         return {name: value for name, value in asdict(self).items() if value not in (None, ())}
 
 

@@ -12,7 +12,7 @@ from .points import Points
 
 
 class KdOrdering(NamedTuple):
-    """Distinct positions of the finite rows of some points, in the order of `kd_order`.
+    """Kd order of points: the distinct positions of their finite rows in that order, and where each row is in it.
 
     Attributes
     ----------
@@ -20,7 +20,7 @@ class KdOrdering(NamedTuple):
     ids : (k,) int32
         Index into `positions` for each finite row.
     rows : (m,) int32
-        The first row at each position.
+        The first row of the points at each position.
     """
 
     positions: NDArray[np.float32]
@@ -28,11 +28,16 @@ class KdOrdering(NamedTuple):
     rows: NDArray[np.int32]
 
     def order(self) -> NDArray[np.integer[Any]]:
-        """Return the finite rows, numbered among themselves, in the order of their positions."""
+        """Return the rows of points, (n,), in kd order, those with equal positions together. All must be finite."""
         return self.rows if len(self.rows) == len(self.ids) else np.argsort(self.ids, kind="stable")
 
     def moved(self, points: Points) -> KdOrdering:
-        """Return the ordering of the same points at other positions, without sorting them again."""
+        """Return the ordering of the same points at other positions, (n, 3), which keep their places in the kd order.
+
+        They are not sorted again, so the order is exact only where points hardly moved.
+
+        points : the same rows, all finite, with the new positions
+        """
         finite, order = np.flatnonzero(points.finite), self.order()
         positions = take(points.positions, finite[order])
         rows, ids = distinct(positions)
@@ -41,7 +46,7 @@ class KdOrdering(NamedTuple):
         return KdOrdering(take(positions, rows), ids_of, finite[order[rows]].astype(np.int32))
 
     def spread(self, values: NDArray[Any], points: Points) -> NDArray[Any]:
-        """Copy values of positions, (m, ...), to all rows of the points; rows that are not finite get 0."""
+        """Copy values of distinct positions, (m, ...), to all rows of points, (n, ...); rows not finite get 0."""
         found = take(values, self.ids)
         if len(found) == len(points):
             return found
@@ -51,7 +56,7 @@ class KdOrdering(NamedTuple):
 
 
 def compute_kd_ordering(points: Points) -> KdOrdering:
-    """Return the kd ordering of points."""
+    """Return the distinct positions of points in kd order, where neighbours are close in memory, and their rows."""
     finite = points.finite
     whole = bool(finite.all())
     positions = points.positions if whole else points.positions[finite]

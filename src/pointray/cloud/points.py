@@ -119,8 +119,14 @@ class Points:
             World coordinates.
         positions : (n, 3) float32
             Relative to the origin.
-        normals, colors, attributes, georeference
-            As for the class.
+        normals : (n, 3) array_like, optional
+            Stored as given.
+        colors : (n, 3) or (n, 4) array_like, optional
+            sRGB, uint8, uint16 or float (0 to 1); alpha is dropped.
+        attributes : dict of str to (n,) or (n, k) array_like, optional
+            Other values of each point.
+        georeference : Georeference, optional
+            Reference system, unit, scanner positions.
 
         Returns
         -------
@@ -128,8 +134,10 @@ class Points:
 
         Raises
         ------
-        TypeError, ValueError
-            As for the class.
+        TypeError
+            If `attributes`, `origin` or `georeference` has the wrong type.
+        ValueError
+            If a shape, dtype or value is wrong, or no row has a finite position.
 
         Examples
         --------
@@ -176,7 +184,7 @@ class Points:
 
     @property
     def survey(self) -> Georeference:
-        """Deprecated alias of `georeference`."""
+        """Deprecated alias of `georeference`: reference system, unit, scanner positions."""
         warn_renamed("Points.survey", "Points.georeference")
         return self.georeference
 
@@ -235,13 +243,13 @@ class Points:
 
     @accept_renamed("survey", "georeference")
     def changed(self, **fields: Any) -> Points:
-        """Return the points with other arrays; those that are not given are shared.
+        """Return the points with some arrays replaced; the other arrays are shared with the original.
 
         Parameters
         ----------
         **fields
-            `positions` (n, 3) float32, relative to `origin`; `normals`, `colors`, `attributes`, `georeference` as for
-            the class.
+            `positions` (n, 3) float32, relative to `origin`; `normals` (n, 3); `colors` (n, 3) or (n, 4); `attributes`,
+            a dict of (n,) or (n, k) arrays; `georeference`.
 
         Returns
         -------
@@ -252,7 +260,7 @@ class Points:
         TypeError
             If another field is given.
         ValueError
-            As for the class.
+            If a shape, dtype or value is wrong, or no row has a finite position.
 
         Examples
         --------
@@ -294,7 +302,7 @@ class Points:
         return len(self.positions)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle and copy by the arrays, which are validated again."""
+        """Return what pickle and copy need: `Points.about` and the arrays, which are validated again."""
         arrays = self.origin, self.positions, self.normals, self.colors, self.attributes
         return Points.about, (*arrays, self.georeference)
 
@@ -307,13 +315,13 @@ class Points:
 
 
 def check_count(n: int) -> None:
-    """Raise a ValueError for more points than int32 can index."""
+    """Raise a ValueError if a cloud of `n` points is too large for int32 row numbers, which trees use."""
     if n > MOST:
         raise ValueError(f"{n:,} points are too many: at most {MOST:,} are supported")
 
 
 def _numbers(values: ArrayLike, name: str) -> NDArray[Any]:
-    """Return `values` as an array of ints, floats or bools."""
+    """Return `values` as an array of ints, floats or bools; else raise a ValueError, whose text begins with `name`."""
     try:
         array = np.asarray(values)
     except (TypeError, ValueError) as error:  # rows of different lengths
@@ -345,7 +353,7 @@ def _check_rows(rows: Any, n: int) -> NDArray[Any]:
 
 
 def _float32(array: NDArray[Any]) -> NDArray[np.float32]:
-    """Return a writable, C-contiguous float32 array, without a copy where possible."""
+    """Convert an array to writable, C-contiguous float32, without a copy if possible; huge numbers become infinite."""
     with np.errstate(over="ignore"):  # too large a number becomes infinite: the row is not finite
         return np.require(array, np.float32, ["C", "W", "A"])
 
@@ -355,22 +363,25 @@ def _localise(world: NDArray[Any], origin: NDArray[np.float64]) -> NDArray[np.fl
 
 
 def check_any_finite(finite: int, n: int) -> None:
-    """Raise a ValueError if none of n rows is finite."""
+    """Raise a ValueError if `finite`, the number of finite rows of a cloud of `n`, is 0."""
     if not finite:
         raise ValueError(f"positions: none of the {n:,} rows is finite and below {FARTHEST:g}")
 
 
 def are_finite(positions: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Return whether each position, (n, 3), is usable, (n,) bool; see `Points.finite`."""
+    """Return which positions, (n, 3), are usable, (n,) bool: neither NaN nor infinite nor beyond 1e12."""
     x, y, z = positions.T
     limit = np.float32(FARTHEST)
     return np.asarray((np.abs(x) <= limit) & (np.abs(y) <= limit) & (np.abs(z) <= limit))
 
 
 def choose_origin(world: NDArray[Any], count: int | None = None) -> NDArray[np.float64]:
-    """Choose an origin: zero, unless float32 about zero is too coarse for the spacing or for the digits of doubles.
+    """Choose the point that float32 positions are stored relative to, (3,) float64, from world coordinates, (m, 3).
 
-    count : the number of points, if only some of them are given
+    It is zero, unless float32 about zero is too coarse for the point spacing or for the digits of doubles; then a
+    rounded point near the centre.
+
+    count : the number of points, if `world` holds only some of them
     """
     rows = world[:: -(-len(world) // SAMPLE)].astype(np.float64)
     rows = rows[(np.abs(rows) <= FARTHEST).all(axis=1) & rows.any(axis=1)]  # 0, 0, 0 marks a missing return
@@ -388,7 +399,10 @@ def choose_origin(world: NDArray[Any], count: int | None = None) -> NDArray[np.f
 
 
 def _spacing(size: NDArray[np.float64], n: int) -> float:
-    """Return the point spacing if n points cover the sides of a box; one unit if the box has no size."""
+    """Return the point spacing if n points cover the six sides of a box; one unit if the box has no size.
+
+    size : (3,) lengths of its edges
+    """
     x, y, z = size
     area = x * y + y * z + z * x
     return float(np.sqrt(area / n) or size.max() / n or 1.0)
@@ -426,7 +440,7 @@ def _check_attributes(attributes: Mapping[str, ArrayLike] | None, n: int) -> dic
 
 
 def check_attribute(name: str, values: ArrayLike, n: int) -> NDArray[Any]:
-    """Return an attribute of n points, (n,) or (n, k), in the dtype that is stored; ValueError if it is invalid."""
+    """Return an attribute's values for n points, (n,) or (n, k), in the dtype that is stored; ValueError if invalid."""
     if not isinstance(name, str) or not name:
         raise ValueError(f"attributes: a name must be a non-empty string, not {name!r}")
     array = _numbers(values, f"attributes: attribute {name!r}")
@@ -442,7 +456,7 @@ def check_attribute(name: str, values: ArrayLike, n: int) -> NDArray[Any]:
 
 
 def spread_rows(n: int, most: int = SPREAD) -> NDArray[np.int64]:
-    """Return at most `most` of n rows, in evenly spaced ranges, so that few pages of a mapped file are read."""
+    """Return at most `most` of n rows, in evenly spaced ranges, for a sample that reads few pages of a mapped file."""
     if n <= most:
         return np.arange(n)
     each = most // RANGES
@@ -451,19 +465,21 @@ def spread_rows(n: int, most: int = SPREAD) -> NDArray[np.int64]:
 
 
 def is_label(name: str) -> bool:
-    """Return whether an attribute of this name holds categories."""
+    """Return whether integers in an attribute of this name are categories, as in "classification" or "scan"."""
     return _plain(name) in LABELS
 
 
 def _plain(name: str) -> str:
-    """Return an attribute's name in lower case, without CloudCompare's prefix."""
+    """Return an attribute's name in lower case, without the prefix "scalar_" that CloudCompare adds."""
     return name.lower().removeprefix("scalar_")
 
 
 def categories_of(values: NDArray[Any], name: str = "") -> tuple[int, ...] | None:
     """Return the categories of a column: its distinct values, if it holds bools or few different integers; else None.
 
-    name : of the attribute; labels may have more values and fewer points, and measures have no categories
+    values : (n,) or (n, k)
+    name : of the attribute; labels such as "classification" may have more values and fewer points, and measures such as
+        "intensity" have no categories
     """
     if values.ndim != 1 or _plain(name) in MEASURES:
         return None

@@ -20,23 +20,28 @@ MEMORY_ADVICE = "use fewer points (--max-points, --every) or run `pointray prepa
 
 
 def finite_rows(points: Points) -> NDArray[np.int32]:
-    """Return the finite rows; warn if some are not."""
+    """Return the rows with a finite position, (m,) int32; warn if some have none."""
     used = np.flatnonzero(points.finite).astype(np.int32)
     warn_of_left_out(len(points) - len(used), len(points))
     return used
 
 
 def warn_of_left_out(lost: int, total: int) -> None:
-    """Warn if points are left out because their positions are not finite."""
+    """Warn if some points of a cloud are left out because their positions are not finite.
+
+    lost, total : number of points left out, and of all points
+    """
     if lost:
         text = f"{lost:,} of {total:,} points have no finite position below {FARTHEST:g}: left out"
         warn(text, stacklevel=4)
 
 
 def placed_for_model(points: Points, sigma: str | float, merge: bool, progress: Progress) -> Placed:
-    """Return points with unit normals, repaired or estimated where needed, smoothed where they are noisy.
+    """Prepare points for a model: merge second layers, repair or estimate unit normals, and smooth noise.
 
-    merge : whether second layers may be moved onto the surface; ignored if sigma is 0
+    points : finite
+    sigma : standard deviation of the noise, in the points' unit; "auto": measured locally; 0: nothing is smoothed
+    merge : whether second layers (misaligned scans of a surface) may be moved onto the surface; ignored if sigma is 0
     """
     merge, ordering = merge and sigma != 0.0, None
     if merge:
@@ -55,7 +60,7 @@ def placed_for_model(points: Points, sigma: str | float, merge: bool, progress: 
 
 
 def check_model_memory(count: int) -> None:
-    """Raise a ValueError if the memory for making a model of `count` points is not available."""
+    """Raise a ValueError if there is too little memory to make a model of `count` points; small clouds always pass."""
     if count < SMALL:
         return
     try:

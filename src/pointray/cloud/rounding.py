@@ -32,7 +32,7 @@ APART = 1.1  # steps between neighbours: a raster has 1, random points less than
 
 
 def find_rounding(points: Points) -> tuple[tuple[float, float, float], str | None]:
-    """Find the steps that coordinates were rounded to, where these are coarse for the spacing.
+    """Find the steps that coordinates were rounded to, where these are coarse for the point spacing.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def find_rounding(points: Points) -> tuple[tuple[float, float, float], str | Non
     steps : tuple of three floats
         Steps of x, y and z, in the points' unit; 0 if not rounded, or too finely to be visible.
     message : str or None
-        One line that describes the rounding.
+        One line that describes the rounding; None if no step is coarse.
     """
     none = (0.0, 0.0, 0.0)
     finite = points.finite
@@ -72,7 +72,13 @@ def find_rounding(points: Points) -> tuple[tuple[float, float, float], str | Non
 
 
 def _message(steps: Sequence[float], largest: Floats, single: bool, spacing: float) -> str:
-    """Return a message with the coarsest step, its cause and a remedy."""
+    """Return a message with the coarsest step, its cause and a remedy.
+
+    steps : of x, y and z, 0 if not rounded
+    largest : (3,) largest absolute coordinate of each axis
+    single : whether the step is that of float32 at these coordinates
+    spacing : mean point spacing
+    """
     axis = int(np.argmax(steps))
     named = [name for name, step in zip("xyz", steps, strict=True) if step]
     where = "" if len(named) == 3 else f" in {' and '.join(named)}"
@@ -85,7 +91,11 @@ def _message(steps: Sequence[float], largest: Floats, single: bool, spacing: flo
 
 
 def _step(values: Floats, exact: float) -> float:
-    """Return the largest step on which nearly all coordinates lie, counted from one of them; 0 if there is none."""
+    """Return the largest step on which nearly all coordinates lie, counted from one of them; 0 if there is none.
+
+    values : (m,) coordinates along one axis
+    exact : rounding error of the stored coordinates, which limits how fine a step can be recognised
+    """
     values = values - np.median(values)
     values -= values[np.abs(values).argmin()]
     extent = float(np.abs(values).max())
@@ -100,7 +110,10 @@ def _step(values: Floats, exact: float) -> float:
 
 
 def _candidates(low: float, high: float) -> list[float]:
-    """Return powers of two and round decimal numbers between two bounds, descending."""
+    """Return the steps that people and floats use, powers of two and 1, 2, 2.5, 5 times powers of ten, descending.
+
+    low, high : least and greatest step
+    """
     if not 0 < low < high:
         return []
     twos = [2.0**e for e in range(int(np.floor(np.log2(low))), int(np.ceil(np.log2(high))) + 1)]
@@ -110,14 +123,24 @@ def _candidates(low: float, high: float) -> list[float]:
 
 
 def _mean_spacing(near: Neighborhoods) -> float:
-    """Return the square root of the area per row, counting coincident rows."""
+    """Return the mean point spacing: the square root of the area per row, counting rows with equal positions.
+
+    near : neighbourhoods of some points of the cloud
+    """
     return float(np.median(near.farthest * np.sqrt(np.pi / near.shared.sum(axis=1))))
 
 
 def _is_no_raster(
     positions: NDArray[np.float32], near: Neighborhoods, axes: Sequence[int], steps: Sequence[float]
 ) -> bool:
-    """Return whether rows share positions on the coarse axes, or are farther apart than neighbours in a raster."""
+    """Return whether points on coarse steps were rounded to them, rather than measured in a raster of that width.
+
+    In a raster each position has one point, and the next is one step away. True if many rows share a position on the
+    coarse axes, or neighbours are on average more than a step apart.
+
+    near : neighbourhoods of some points
+    axes, steps : the coarse axes, and the steps of x, y and z
+    """
     offsets = positions[near.rows][:, :, axes].astype(np.float64) - positions[near.rows[:, :1]][:, :, axes]
     levels = np.rint(offsets / [steps[axis] for axis in axes]).astype(np.int64)
     different = sum(len(np.unique(rows, axis=0)) for rows in levels)

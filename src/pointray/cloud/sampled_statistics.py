@@ -9,14 +9,14 @@ from .statistics import CloudStatistics, Rows
 
 
 class SampledStatistics(CloudStatistics):
-    """Statistics computed from a sample of the points in memory.
+    """Statistics of a cloud, computed from a sample of the points in memory; some of these may have equal positions.
 
     Parameters
     ----------
     rows : (m,) int64
-        The sample.
+        The sample, as rows of the points in memory.
     known : dict of str to float, optional
-        Where the numbers are stored.
+        Numbers computed before, by name; further ones are added.
     """
 
     def __init__(self, rows: Rows, known: dict[str, float] | None = None) -> None:
@@ -25,7 +25,10 @@ class SampledStatistics(CloudStatistics):
 
 
 def of_distinct_positions(statistics: CloudStatistics, ids: NDArray[np.integer] | None) -> CloudStatistics:
-    """Return statistics that count each position once. ids : (n,) number of each point's position; None: all differ"""
+    """Return statistics that count each distinct position once, where the given ones count points.
+
+    ids : (n,) number of the position of each point in memory; None: all positions are distinct
+    """
     if ids is None or not isinstance(statistics, SampledStatistics):
         return statistics
     return CloudStatistics(np.unique(ids[statistics.sample]).astype(np.int64), statistics.known)

@@ -24,7 +24,7 @@ MARGIN = 0.02  # share of the values on either side in which the quantile is sea
 
 
 def sample_of(count: int) -> list[slice]:
-    """Return the ranges of the kd order that represent a cloud of `count` points; one range if there are few."""
+    """Return ranges of rows in kd order that represent a cloud of `count` points; if there are few, one of all rows."""
     whole = count // RANGE
     if whole < RANGES:
         return [slice(0, count)]
@@ -32,7 +32,9 @@ def sample_of(count: int) -> list[slice]:
 
 
 class CloudStatistics:
-    """Statistics of a cloud, computed on demand and cached by name.
+    """Numbers that describe a whole cloud, such as its noise or size; computed on demand from a sample, cached by name.
+
+    Parts of a cloud too large for memory are processed with the same numbers as the whole.
 
     Parameters
     ----------
@@ -59,14 +61,14 @@ class CloudStatistics:
 
     @classmethod
     def of(cls, count: int) -> CloudStatistics:
-        """Return the statistics of a whole cloud of `count` points in kd order."""
+        """Return the statistics of a whole cloud of `count` points in kd order, with a sample of at most 16 ranges."""
         ranges = sample_of(count)
         if len(ranges) == 1:
             return cls()
         return cls(np.concatenate([np.arange(one.start, one.stop) for one in ranges]))
 
     def get_or_compute(self, name: str, find: Callable[[], float]) -> float:
-        """Return the number with this name; compute it by `find` if it is not cached."""
+        """Return the number cached by this name; if there is none, call `find` to compute it."""
         own = name + self._suffix
         if self._is_complete and own not in self.known and name in self.known:  # no sampled points coincide
             return self.known[name]
@@ -75,20 +77,29 @@ class CloudStatistics:
         return self.known[own]
 
     def compute_together(self, names: tuple[str, ...], find: Callable[[], tuple[float, ...]]) -> None:
-        """Compute numbers that are found together, unless they are cached."""
+        """Call `find`, which returns a number for each name, and cache these, unless they are cached."""
         if names[0] not in self.known:
             self.known.update(zip(names, map(float, find()), strict=True))
 
     def quantile(self, name: str, values: NDArray[np.float32], share: float) -> float:
-        """Return a quantile of `values`, which hold one number per point in memory."""
+        """Return the quantile `share` (0 to 1) of `values` in the sample, rounded to 8 bits and cached by name.
+
+        values : (n,) one number per point in memory
+        """
         return self.get_or_compute(name, lambda: quantize(quantile(self._of_sample(values), share)))
 
     def least(self, name: str, values: NDArray[np.float32]) -> float:
-        """Return the minimum of `values`, which hold one number per point in memory."""
+        """Return the minimum of `values` in the sample, cached by name.
+
+        values : (n,) one number per point in memory
+        """
         return self.get_or_compute(name, lambda: float(self._of_sample(values).min()))
 
     def diagonal(self, name: str, positions: NDArray[np.float32]) -> float:
-        """Return the diagonal of the box around the central 98% of the positions."""
+        """Return the diagonal of the box around the central 98% of the sample, rounded to 8 bits and cached.
+
+        positions : (n, 3) the points in memory
+        """
 
         def find() -> float:
             some = self._of_sample(positions)
@@ -98,35 +109,59 @@ class CloudStatistics:
         return self.get_or_compute(name, find)
 
     def share(self, name: str, flags: NDArray[np.bool_]) -> float:
-        """Return the share of points whose flag is set."""
+        """Return the share of sampled points, 0 to 1, whose flag is set, rounded to 8 bits and cached by name.
+
+        flags : (n,) one per point in memory
+        """
         return self.get_or_compute(name, lambda: quantize(float(self._of_sample(flags).mean())))
 
     def merged(self, members: Rows) -> CloudStatistics:
-        """Return statistics that count coincident points once; `members` holds one row of the values per point."""
+        """Return the same statistics for values with one row for each group of merged points instead of each point.
+
+        Numbers are cached under other names, since merging changes them.
+
+        members : (n,) the row of these values for each point in memory
+        """
         other = CloudStatistics(self._rows, self.known, self._is_complete)
         other._members, other._suffix = members, " of places"
         return other
 
     def some(self, count: int, most: int) -> Rows:
-        """Return at most `most` random rows of the sample, for `count` points in memory."""
+        """Return at most `most` random rows of the sample.
+
+        count : number of points in memory
+        """
         rows = np.random.default_rng(0).permutation(count if self._rows is None else len(self._rows))[:most]
         return rows if self._rows is None else self._rows[rows]
 
     def spread(self, count: int, most: int) -> Rows:
-        """Return evenly spaced rows of the sample, from `most` to less than twice as many, for `count` points."""
+        """Return evenly spaced rows of the sample, at least `most` if it has as many, and less than twice as many.
+
+        count : number of points in memory
+        """
         rows = np.arange(count) if self._rows is None else self._rows
         return rows[:: max(len(rows) // most, 1)]
 
     def quantile_of_rows(self, name: str, values: NDArray[np.float32], rows: Rows, share: float) -> float:
-        """Return a quantile of the values at `rows`, rounded up; see `rows_for_quantile`."""
+        """Return the quantile `share` (0 to 1) of the values at some rows, rounded up to 8 bits and cached by name.
+
+        values : (n,) one number per point in memory
+        rows : rows at which values are computed, from `rows_for_quantile`
+        """
         return self.get_or_compute(name, lambda: -quantize(-float(np.quantile(values[rows], share)), is_limit=True))
 
     def rows_for_quantile(self, count: int) -> Rows:
-        """Return about `SAMPLE` of `count` rows; no rows if all numbers are known."""
+        """Return about 20,000 rows of the sample, for `quantile_of_rows`; no rows if all numbers are known.
+
+        count : number of points in memory
+        """
         return np.zeros(0, np.int64) if self._is_complete else self.spread(count, SAMPLE)
 
     def _of_sample(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Return the values of the sampled points."""
+        """Return the values of the sampled points.
+
+        values : (n, ...) one row per point in memory
+        """
         rows = self._rows
         if self._members is not None:
             rows = self._members if rows is None else self._members[rows]
@@ -134,7 +169,10 @@ class CloudStatistics:
 
 
 def quantize(value: float, is_limit: bool = False) -> float:
-    """Round a number to BITS bits, so that nearly equal values become equal. is_limit : round down"""
+    """Round a number to 8 significant bits, so that nearly equal numbers of a cloud's parts become equal.
+
+    is_limit : whether to round down, not to nearest
+    """
     if not math.isfinite(value):
         return value
     fraction, exponent = math.frexp(value)
@@ -143,7 +181,10 @@ def quantize(value: float, is_limit: bool = False) -> float:
 
 
 def quantile(values: NDArray[np.float32], share: float) -> float:
-    """Return the same quantile as `np.quantile` in a fifth of the time: a sample brackets it first."""
+    """Return the quantile `share` (0 to 1) of values, (n,), as `np.quantile` does, in a fifth of the time.
+
+    A sorted sample brackets the quantile, so that only few values have to be partitioned.
+    """
     if len(values) > 2 * SAMPLE:
         sample = np.sort(values[:: len(values) // SAMPLE])
         low, high = (int(np.clip((share + side) * len(sample), 0, len(sample) - 1)) for side in (-MARGIN, MARGIN))

@@ -37,24 +37,29 @@ SUMS = 10  # sums of a plane: weights, places and their products
 
 
 class Neighbors(NamedTuple):
-    """One thread's memory for the neighbours of one point; all flat float32.
+    """One thread's memory for planes near one point and the neighbours that they are fitted to; flat float32 arrays.
+
+    A plane is a unit normal n and an offset d: n.x + d = 0. Vectors of 16 lanes hold 16 neighbours, or one plane a
+    lane.
 
     Attributes
     ----------
     places : (3 * width,)
-        x of all neighbours as offsets, then y, then z; the farthest at distance 1. The width is a multiple of `LANES`.
+        x of all neighbours, then y, then z: offsets from the point, scaled so that the farthest neighbour is at
+        distance 1. The width is the number of neighbours rounded up to a multiple of 16.
     weights : (width,)
-        By distance; 0 beyond the last neighbour.
+        Weight of each neighbour, decreasing with its distance; 0 beyond the last neighbour.
     away : (width,)
-        Squared distances to the nearest place around which a candidate has been fitted.
+        Squared distance of each neighbour from the nearest place around which a candidate plane has been fitted.
     owner : (width,)
-        Plane that each neighbour belongs to, or -1.
-    sums : (SUMS * LANES,)
-        Sums over the neighbours of each plane, one lane per plane.
-    found, chosen, again : (4 * LANES,)
-        Planes, one lane each: x, y and z of the normals, and offsets. The third of two planes lies below all others.
-    heights : (MOST_JUDGES * LANES,)
-        Heights of each scoring neighbour above all candidates.
+        Index of the chosen plane that each neighbour lies on, or -1.
+    sums : (10 * 16,)
+        Weighted sums over the neighbours of each plane, see `store_sums`.
+    found, chosen, again : (4 * 16,)
+        Nine candidate planes, the two or three chosen ones, and these fitted again: x of the normals, then y, z and the
+        offsets. If two are chosen, a third one lies below all others.
+    heights : (62 * 16,)
+        Heights of some neighbours above all candidates: 16 floats a neighbour.
     """
 
     places: Array
@@ -70,7 +75,7 @@ class Neighbors(NamedTuple):
 
 @inline
 def new_neighbors(most: int) -> Neighbors:
-    """Return memory for at most `most` neighbours."""
+    """Return memory for the planes near a point with at most `most` neighbours."""
     width = -(-most // LANES) * LANES
     return Neighbors(
         np.zeros(3 * width, np.float32),
@@ -87,7 +92,12 @@ def new_neighbors(most: int) -> Neighbors:
 
 @inline
 def load_neighbors(positions: Array, row: int, near: Array, i: int, memory: Neighbors) -> float:
-    """Write the places of the neighbours near[i] relative to positions[row], and their weights; return the unit."""
+    """Load the neighbours near[i] of the point positions[row]: scaled offsets from it, and weights by distance.
+
+    Return the distance of the farthest neighbour, which is the unit of the offsets.
+
+    near : (m, k) rows of `positions`, nearest first
+    """
     k, width = near.shape[1], len(memory.weights)
     square = f64(0.0)
     for c in range(3):
@@ -106,14 +116,20 @@ def load_neighbors(positions: Array, row: int, near: Array, i: int, memory: Neig
 
 @inline
 def load_places(memory: Neighbors, at: int) -> Triple:
-    """Return x, y and z of sixteen neighbours."""
+    """Return x, y and z of the sixteen neighbours from index `at` on: offsets from the point, see `Neighbors`."""
     width = len(memory.weights)
     return load16(memory.places, at), load16(memory.places, width + at), load16(memory.places, 2 * width + at)
 
 
 @inline
 def store_sums(sums: Array, a: int, w: Triple, p: Triple, others: tuple[Triple, F16]) -> None:
-    """Write to lane a the summed lanes of weighted places and their products: x y z, xx xy xz, yy yz zz, weights."""
+    """Write the sums over the neighbours of plane `a` to lane `a` of `sums`: x y z, xx xy xz, yy yz zz, weights.
+
+    The lanes of each argument are partial sums, which are added up.
+
+    w, p : weighted sums of x, y, z, and of xx, xy, xz
+    others : weighted sums of yy, yz, zz, and the sum of the weights
+    """
     for c in range(3):
         sums[LANES * c + a] = lane(sum_over_lanes(w[c]), 0)
         sums[LANES * (3 + c) + a] = lane(sum_over_lanes(p[c]), 0)
@@ -123,7 +139,11 @@ def store_sums(sums: Array, a: int, w: Triple, p: Triple, others: tuple[Triple, 
 
 @routine
 def fit_lanes(sums: Array, out: Array) -> None:
-    """Write the planes fitted to the sums of each lane."""
+    """Fit sixteen planes, one in each lane, to the sums over the neighbours of each.
+
+    sums : (10 * 16,) weighted sums of x y z, xx xy xz, yy yz zz, and of the weights
+    out : (4 * 16,) receives x, y and z of the unit normals n, and the offsets d: n.x + d = 0
+    """
     share = ONE / vmax(load16(sums, LANES * 9), broadcast16(f32(TINIEST)))
     x, y, z = load16(sums, 0) * share, load16(sums, LANES) * share, load16(sums, 2 * LANES) * share
     upper = (
@@ -140,14 +160,23 @@ def fit_lanes(sums: Array, out: Array) -> None:
 
 @inline
 def height(planes: Array, a: int, p: Triple) -> F16:
-    """Return the heights of sixteen places above plane a."""
+    """Return the heights of sixteen places above plane `a`: signed distances, positive in front of its normal.
+
+    planes : (4 * 16,) x, y and z of the normals, and the offsets, one plane a lane
+    p : x, y and z of the places
+    """
     n = broadcast_from(planes, a), broadcast_from(planes, LANES + a), broadcast_from(planes, 2 * LANES + a)
     return n[0] * p[0] + n[1] * p[1] + n[2] * p[2] + broadcast_from(planes, 3 * LANES + a)
 
 
 @routine
 def find_candidates(k: int, memory: Neighbors) -> None:
-    """Fit planes around the point, and around neighbours that are far from all previous ones."""
+    """Fit nine candidates for the planes of an edge: one around the point, the others around some of its neighbours.
+
+    The centre of each is the neighbour that is farthest from all previous centres.
+
+    k : number of neighbours; not used
+    """
     width, place = f32(NARROW * NARROW), 0
     for at in range(0, len(memory.weights), LANES):
         store(memory.away, at, select(load16(memory.weights, at) > ZERO, broadcast16(INF), broadcast16(f32(-1.0))))
@@ -158,7 +187,13 @@ def find_candidates(k: int, memory: Neighbors) -> None:
 
 @inline
 def _around(a: int, place: int, width: float, memory: Neighbors) -> int:
-    """Sum up candidate a around a neighbour; return the neighbour that is farthest from all used so far."""
+    """Sum up the neighbours around one of them, for candidate plane `a`; return the centre of the next candidate.
+
+    Returns the index of the neighbour that is farthest from all centres so far.
+
+    place : index of the neighbour at the centre
+    width : squared radius within which neighbours have weight, relative to the farthest one's distance
+    """
     rows = len(memory.weights)
     mx, my = broadcast_from(memory.places, place), broadcast_from(memory.places, rows + place)
     mz = broadcast_from(memory.places, 2 * rows + place)

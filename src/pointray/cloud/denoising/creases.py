@@ -54,7 +54,13 @@ CHUNK = 256
 
 @inline
 def _highest(memory: Neighbors, at: int) -> tuple[F16, F16, F16]:
-    """Return the plane that sixteen neighbours belong to, and their heights above it and above the next one."""
+    """Return the plane that sixteen neighbours are highest above, that height, and the height above the next plane.
+
+    A height is a signed distance from one of the two or three chosen planes, numbered from 0. A point on a solid
+    bounded by these planes lies on the one that it is highest above.
+
+    at : index of the first of the sixteen neighbours
+    """
     place = candidates.load_places(memory, at)
     a, b = candidates.height(memory.chosen, 0, place), candidates.height(memory.chosen, 1, place)
     c = candidates.height(memory.chosen, 2, place)
@@ -65,7 +71,12 @@ def _highest(memory: Neighbors, at: int) -> tuple[F16, F16, F16]:
 
 @routine
 def _refine(count: int, sigma: float, memory: Neighbors) -> bool:
-    """Fit the planes again to the neighbours assigned to each; return False if a plane has too few."""
+    """Assign the neighbours to the `count` chosen planes and fit these again, up to four times.
+
+    Returns False if fewer than 8 neighbours lie on one of the planes, else True.
+
+    sigma : noise (standard deviation of the points from the surface), relative to the farthest neighbour's distance
+    """
     store(memory.owner, 0, broadcast16(f32(-2.0)))
     for _ in range(ROUNDS):
         if _assign(sigma, memory) == 0:
@@ -79,7 +90,12 @@ def _refine(count: int, sigma: float, memory: Neighbors) -> bool:
 
 @inline
 def _assign(sigma: float, memory: Neighbors) -> int:
-    """Write which plane each neighbour belongs to; return how many changed."""
+    """Assign each neighbour to the plane that it lies on, or to none; return how many assignments changed.
+
+    It lies on a plane if it is within 3 `sigma` of it and at least 1 `sigma` below the others.
+
+    sigma : noise (standard deviation of the points from the surface), relative to the farthest neighbour's distance
+    """
     changed = 0
     for at in range(0, len(memory.weights), LANES):
         which, top, second = _highest(memory, at)
@@ -92,7 +108,7 @@ def _assign(sigma: float, memory: Neighbors) -> int:
 
 @inline
 def _sum_up(a: int, memory: Neighbors) -> int:
-    """Sum up the neighbours of a plane; return their number."""
+    """Sum up the neighbours assigned to chosen plane `a`, for a new fit; return their number."""
     members = 0
     total = x = y = z = xx = xy = xz = yy = yz = zz = zeros()
     for at in range(0, len(memory.weights), LANES):
@@ -110,7 +126,7 @@ def _sum_up(a: int, memory: Neighbors) -> int:
 
 @inline
 def _fit_again(count: int, memory: Neighbors) -> None:
-    """Replace the chosen planes by those fitted to the sums, facing the same sides."""
+    """Replace the `count` chosen planes by planes fitted to the summed neighbours of each; keep the sides they face."""
     chosen, planes = memory.chosen, memory.again
     candidates.fit_lanes(memory.sums, planes)
     for a in range(count):
@@ -123,7 +139,11 @@ def _fit_again(count: int, memory: Neighbors) -> None:
 
 @inline
 def _error(count: int, memory: Neighbors) -> tuple[float, float, float]:
-    """Return the mean square of the residuals, the height's variance for unit noise, and the effective neighbours."""
+    """Estimate how well `count` planes fit the neighbours of a point.
+
+    Returns the mean square of the residuals, corrected for the fitted parameters; the variance of the fitted height for
+    unit noise; the effective number of neighbours. Lengths are relative to the farthest neighbour's distance.
+    """
     sums = squares = rest = zeros()
     for at in range(0, len(memory.weights), LANES):
         _, top, _ = _highest(memory, at)
@@ -136,7 +156,14 @@ def _error(count: int, memory: Neighbors) -> tuple[float, float, float]:
 
 @routine
 def crease(k: int, sigma: float, memory: Neighbors) -> tuple[int, float, float, float]:
-    """Fit planes; return their number, 0 if there is no crease, and the result of `_error`."""
+    """Choose and fit two or three planes that meet in an edge or a corner near a point whose neighbours are loaded.
+
+    Returns the number of planes, 0 if none fit; the mean square of the residuals; the variance of the height for unit
+    noise; the effective number of neighbours.
+
+    k : number of neighbours
+    sigma : noise (standard deviation of the points from the surface), relative to the farthest neighbour's distance
+    """
     cut = (CUT * sigma) ** 2
     candidates.find_candidates(k, memory)
     samples = score(k, memory)
@@ -162,7 +189,14 @@ def crease(k: int, sigma: float, memory: Neighbors) -> tuple[int, float, float, 
 
 @inline
 def store_model(memory: Neighbors, count: int, unit: float, weight: float, out: Array) -> None:
-    """Write the number of planes, the planes and the weight."""
+    """Write a crease (planes that meet in an edge or a corner) to `out`, a row of 14 floats.
+
+    The row holds the number of planes, three planes as x, y, z of the normal and offset, and the weight.
+
+    count : number of planes, 2 or 3
+    unit : distance of the farthest neighbour, to which the fitted offsets are relative
+    weight : weight of this crease in means of several
+    """
     out[0], out[MODEL - 1] = count, weight
     for a in range(count):
         for c in range(4):
@@ -171,10 +205,14 @@ def store_model(memory: Neighbors, count: int, unit: float, weight: float, out: 
 
 @kernel
 def _fit(work: Array, positions: Array, rows: Array, near: Array, errors: Array, residuals: Array, out: Array) -> int:
-    """Write the best crease of each row to out if it is better than a quadric.
+    """Write the best crease (two or three planes that meet) of each row to `out` where it fits better than a quadric.
 
-    errors : (m, 2), noise, and error of the quadric
-    residuals : (m,), RMS residuals of a quadric through all neighbours; NaN where they lie on a line
+    work : gives each thread its next tile, 256 rows
+    positions, rows : (n, 3) points, and (m,) the rows to fit
+    near : (m, k) nearest neighbours of these rows
+    errors : (m, 2) noise, and estimated error of the quadric fitted to the row's neighbours, in the points' unit
+    residuals : (m,) RMS residuals of a quadric through all k neighbours; NaN where they lie on a line
+    out : (m, 14) receives the number of planes; x, y, z of the normal and the offset of each; the weight
     """
     positions, rows, near = borrow(positions), borrow(rows), borrow(near)
     errors, residuals, out = borrow(errors), borrow(residuals), borrow(out)
@@ -196,7 +234,16 @@ def _fit(work: Array, positions: Array, rows: Array, near: Array, errors: Array,
 
 
 def fit_creases(positions: Floats, rows: NDArray[np.int64], near: NDArray[np.int32], errors: Floats) -> Floats:
-    """Return the planes around some points, (m, MODEL) float32, zero where none are better than a quadric."""
+    """Fit two or three planes that meet in an edge or a corner to the neighbours of points on which no quadric fits.
+
+    Returns (m, 14) float32: number of planes; for each of three planes x, y, z of its normal, and its offset for
+    positions relative to the point; weight in means of several. Zero where planes fit no better than the quadric.
+
+    positions : (n, 3)
+    rows : (m,) the points to fit
+    near : (m, k) their nearest neighbours, themselves included
+    errors : (m, 2) noise, and estimated error of the quadric fitted before, in the points' unit
+    """
     out = np.zeros((len(rows), MODEL), np.float32)
     if near.shape[1] >= 2 * LEAST:
         residuals = fit_residuals(positions, rows, near, near.shape[1])

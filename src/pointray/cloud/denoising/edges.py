@@ -41,16 +41,25 @@ PART = 1 << 16  # rows at a time
 
 @inline
 def _over(model: Array, a: int, x: Vec3) -> float:
-    """Return the height of x above plane a."""
+    """Return the signed distance of x from plane `a` of an edge or corner, positive outside the solid.
+
+    model : number of planes, then x, y, z of the outward normal, and the offset, of each
+    x : relative to the point that the planes were fitted at
+    """
     at = 1 + 4 * a
     return f64(model[at]) * x[0] + f64(model[at + 1]) * x[1] + f64(model[at + 2]) * x[2] + f64(model[at + 3])
 
 
 @routine
 def onto(model: Array, x: Vec3, rounding: float, shares: Array) -> tuple[Vec3, Vec3]:
-    """Return the point of the rounded solid that is nearest to x, and the normal there.
+    """Return the point of a convex solid with rounded edges that is nearest to x, and the outward normal there.
 
     Hildreth's method finds the nearest point of the solid shrunk by the rounding.
+
+    model : planes of the solid: their number, then x, y, z of the outward normal, and the offset, of each
+    x : relative to the point that the planes were fitted at, as is the result
+    rounding : radius of the edges
+    shares : memory for one float per plane
     """
     count, top, which = int(model[0]), -np.inf, 0
     for a in range(count):
@@ -79,7 +88,12 @@ def onto(model: Array, x: Vec3, rounding: float, shares: Array) -> tuple[Vec3, V
 
 @inline
 def _side(model: Array, normals: Array, row: int) -> float:
-    """Return 1 if a normal faces out of the solid, else -1; the most similar plane decides."""
+    """Return 1 if the normal of a row faces out of the solid that planes bound, else -1.
+
+    The plane most parallel to the normal decides.
+
+    model : number of planes, then x, y, z of the outward normal, and the offset, of each
+    """
     most = 0.0
     for a in range(int(model[0])):
         at, along = 1 + 4 * a, 0.0
@@ -101,10 +115,14 @@ def _settle(
     models: Array,
     out: Array,
 ) -> int:
-    """Write to out[i] the move of positions[rows[i]], the normal there, and 1, or 0 if there is no crease.
+    """Compute how points near edges and corners move: the mean of the moves onto the rounded edges fitted nearby.
 
-    near : (m, k) nearby entries of `fitted_rows`, or -1; fitted_rows, models : rows with models, and the models
-    out : (m, 8), the last column holds the spacing
+    work : gives each thread its next tile, 512 rows
+    positions, normals : (n, 3), of all points
+    rows : (m,) the points to move
+    near : (m, k) nearby entries of `fitted_rows`, or -1
+    fitted_rows, models : (c,) rows at which planes were fitted, and (c, 14) these planes
+    out : (m, 8) receives the move, the normal there, and 1, or 0 if there is no edge; the last column holds the spacing
     """
     positions, normals, near = borrow(positions), borrow(normals), borrow(near)
     models, out = borrow(models), borrow(out)
@@ -137,11 +155,14 @@ def _settle(
 
 
 class Edges:
-    """Points near creases, collected part by part.
+    """Points near edges of a noisy surface, and planes fitted there, from which `find_moves` computes rounded edges.
+
+    A quadric, by which other points are smoothed, fits no edge.
 
     Parameters
     ----------
     positions : (n, 3) float32
+        All points in kd order. `add` is called for one part of the rows after another.
     """
 
     def __init__(self, positions: Floats) -> None:
@@ -155,9 +176,13 @@ class Edges:
     def add(
         self, rows: NDArray[np.int64], near: NDArray[np.int32], noise: Floats, errors: Floats, spacing: Floats
     ) -> None:
-        """Collect points that quadrics do not fit, and fit planes at the worst of them.
+        """Collect those rows of a part that a quadric does not fit, and fit planes at the worst of them.
 
-        near : (m, k) neighbours; errors : (m, 2), see `fit_surface`
+        rows : (m,) rows of the part
+        near : (m, k) their nearest neighbours
+        noise, spacing : (m,) standard deviation from the surface, and distance between neighbouring points, in the
+            points' unit
+        errors : (m, 2) residual of the quadric beyond the noise, and its estimated error, see `fit_surface`
         """
         beyond = np.where((noise > 0) & (noise < MUCH * spacing), errors[:, 0], 0.0)
         some = np.flatnonzero(beyond > USES * spacing)
@@ -172,7 +197,12 @@ class Edges:
         self._errors.append(known[found])
 
     def find_moves(self, normals: Floats) -> tuple[NDArray[np.int64], Floats, Floats]:
-        """Return rows near creases, their moves, and the normals there, on the sides of the fitted ones."""
+        """Compute how the collected points near edges move onto them, rounded; call it once after all parts are added.
+
+        Returns (r,) rows near edges; (r, 3) moves from their positions; (r, 3) unit normals there.
+
+        normals : (n, 3) normals of the fitted quadrics, which show the side that the new ones face
+        """
         if sum(map(len, self._fitted_rows)) < COMBINED:
             return np.zeros(0, np.int64), normals[:0], normals[:0]
         rows, fitted_rows, models = (
@@ -190,7 +220,11 @@ class Edges:
         return rows[some], out[some, :3], out[some, 3:6]
 
     def _widen(self, fitted_rows: NDArray[np.int64], models: Floats) -> None:
-        """Replace models by fits to more neighbours where these fit as well."""
+        """Fit the planes again, to 128 neighbours, and keep the new ones where they fit well; in place.
+
+        fitted_rows : (c,) rows at which planes were fitted
+        models : (c, 14) the planes, as returned by `fit_creases`
+        """
         tree, errors = NeighborTree(self._positions, in_order=True), np.concatenate(self._errors)
         for start in range(0, len(fitted_rows), PART):
             part = slice(start, start + PART)

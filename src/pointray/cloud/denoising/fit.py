@@ -33,10 +33,16 @@ SHIFT, BEYOND, ERROR, SQUARE, FOUND = 0, 9, 10, 11, 12
 def _fit(
     work: Array, positions: Array, rows: Array, near: Array, normals: Array, sizes: Array, noise: Array, out: Array
 ) -> int:
-    """Write to out[i] the move of positions[rows[i]] onto the surface, the normal there, and the plane's.
+    """Fit quadrics of several sizes to the neighbours of each row; write the result of the best one to `out`.
 
-    normals : (n, 3), or (0, 3); neighbours that face the opposite side are skipped
+    work : gives each thread its next tile, 512 rows
+    positions, rows : (n, 3) points, and (m,) the rows to fit
+    near : (m, k) nearest neighbours of these rows, themselves first
+    normals : (n, 3), or (0, 3) if unknown; neighbours that face the opposite side are skipped
+    sizes : numbers of neighbours to try, ascending
     noise : (m,) standard deviation of the distance from the surface
+    out : (m, 11) receives the move onto the quadric, its normal there, the normal of a plane through the neighbours,
+        the residual beyond noise of the quadric through most neighbours, and the estimated error of the best one
     """
     positions, rows, near = borrow(positions), borrow(rows), borrow(near)
     normals, noise, out = borrow(normals), borrow(noise), borrow(out)
@@ -63,7 +69,10 @@ def _fit(
 
 @inline
 def _same_side(normals: Array, row: int, near: Array, i: int, same: Array) -> int:
-    """Write a row's neighbours except those facing the opposite side, padded with the last one; return their number."""
+    """List the neighbours near[i] of a row that face its side; return their number.
+
+    same : (1, k) receives them; the rest is filled with the last one
+    """
     count = 0
     same[0, 0] = row
     for j in range(near.shape[1]):
@@ -81,7 +90,14 @@ def _same_side(normals: Array, row: int, near: Array, i: int, same: Array) -> in
 
 @routine
 def _choose(sizes: Array, memory: FitBatch16, found: Array) -> None:
-    """Find the fit with the least error in each lane, from the largest size down; in the unit of the places."""
+    """Find the quadric with the least error in each of 16 lanes, from the largest number of neighbours down.
+
+    sizes : numbers of neighbours to try, ascending
+    memory : neighbours of 16 points, scaled so that the farthest one is at distance 1
+    found : (12 * 16,) receives the move onto the quadric, its normal, the plane's normal, the residual beyond noise of
+        the quadric through most neighbours, and the estimated error; the last row holds the squared noise. Lengths are
+        in the unit of the scaled neighbours
+    """
     square, counts = load16(found, LANES * SQUARE), load16(memory.counts, 0)
     least, left = broadcast16(INF), zeros()
     for c in range(SQUARE):
@@ -113,7 +129,11 @@ def _choose(sizes: Array, memory: FitBatch16, found: Array) -> None:
 
 @inline
 def _take(mask: Mask, results: Array, found: Array) -> None:
-    """Write the move, the normal and the plane's normal where the mask is set."""
+    """Keep the results of a fit in the lanes of `mask`: the move onto the quadric, its normal, and the plane's normal.
+
+    results : results of the last fit, one row of 16 lanes for each number
+    found : receives them, in the rows for move, normal and plane's normal
+    """
     n = load16(results, LANES * NORMAL), load16(results, LANES * (NORMAL + 1)), load16(results, LANES * (NORMAL + 2))
     a = load16(results, LANES * AXIS), load16(results, LANES * (AXIS + 1)), load16(results, LANES * (AXIS + 2))
     along = load16(results, LANES * HEIGHT) * inner(n, a)
@@ -126,7 +146,7 @@ def _take(mask: Mask, results: Array, found: Array) -> None:
 def fit_surface(
     positions: Floats, rows: NDArray[np.int64], near: NDArray[np.int32], normals: Floats | None, noise: Floats
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return each point's move onto the surface, the surface's normal there, and that of a plane.
+    """Fit a quadric to the neighbours of each row, as many as its noise requires and the shape allows.
 
     Parameters
     ----------
@@ -142,9 +162,11 @@ def fit_surface(
     Returns
     -------
     shifts, normals, planes : (m, 3) float32
-        0 where the neighbours lie on a line.
+        The move of each row onto its quadric, the unit normal there, and the unit normal of the plane through the
+        neighbours. 0 where the neighbours lie on a line.
     errors : (m, 2) float32
-        What the quadric through most neighbours leaves beyond noise, and the error of the chosen fit, in the same unit.
+        Residual, beyond noise, of the quadric through most neighbours, and estimated error of the chosen one, in the
+        same unit.
     """
     out = np.zeros((len(rows), 11), np.float32)
     known = np.zeros((0, 3), np.float32) if normals is None else normals

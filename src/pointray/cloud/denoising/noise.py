@@ -40,9 +40,9 @@ ALIKE = 0.7  # cosine above which normals may belong to the same smooth piece
 
 
 class NoiseRanges(NamedTuple):
-    """Noise of ranges of the kd order.
+    """Noise and point spacing of a cloud, measured in ranges of consecutive points in kd order.
 
-    places : (m,) int64, rows of their middles
+    places : (m,) int64, row in kd order of the middle of each range
     middles : (m, 3) float32, positions of these rows
     noise : (m,) float64, standard deviation of the distance from the surface, in the points' unit
     spacing : (m,) float64, square root of the area per point
@@ -54,21 +54,26 @@ class NoiseRanges(NamedTuple):
     spacing: NDArray[np.float64]
 
     def interpolate(self, rows: NDArray[np.int64]) -> tuple[Floats, Floats]:
-        """Interpolate noise and spacing at rows of the kd order, (n,) each."""
+        """Return noise and spacing, (n,) float32 each, at rows of the kd order, interpolated between ranges.
+
+        rows : (n,) numbers in the kd order of the whole cloud
+        """
         noise, spacing = (np.interp(rows, self.places, values) for values in (self.noise, self.spacing))
         return noise.astype(np.float32), spacing.astype(np.float32)
 
 
 def points_per_range(count: int) -> int:
-    """Return the number of points of a range for a cloud of `count` points, a power of two."""
+    """Return how many consecutive points share one estimate of noise, in a cloud of `count` points: a power of two."""
     every = max(min(SHARE, count // FEWEST), 1)
     return RANGE << (every.bit_length() - 1)
 
 
 def measure_ranges(ordered: Floats, normals: Floats | None = None, size: int | None = None) -> NoiseRanges:
-    """Measure each range alone, for `raise_to_typical`.
+    """Measure noise and point spacing of each range of consecutive points, independently of the other ranges.
 
-    size : points of a range; None: as for a whole cloud. The last range may be longer.
+    ordered : (n, 3) distinct positions in kd order
+    normals : (n, 3) unit normals, which then also show the noise; None: it is measured by fitted quadrics
+    size : points of a range, see `points_per_range`; None: as for a whole cloud. The last range may be longer.
     """
     n = len(ordered)
     if n < MOST:
@@ -92,7 +97,12 @@ def measure_ranges(ordered: Floats, normals: Floats | None = None, size: int | N
 
 
 def raise_to_typical(ranges: NoiseRanges) -> NoiseRanges:
-    """Return the ranges of a whole cloud with the noise raised to what is typical around, where that is large."""
+    """Raise the noise of each range, where the ranges around are very noisy, to what is typical of these.
+
+    Much noise in a range can pass for detail of the surface, which gives too small a value.
+
+    ranges : all ranges of a cloud
+    """
     typical = _around(ranges.middles, ranges.noise / ranges.spacing)
     return ranges._replace(noise=np.maximum(ranges.noise, typical * ranges.spacing))
 
@@ -104,7 +114,13 @@ def _residuals(
     ranges: list[slice],
     spacing: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return the squared noise of each range, from residuals of fits."""
+    """Estimate the squared noise of each range, (r,), from residuals of quadrics through 16, 32 and 64 neighbours.
+
+    ordered : (n, 3) positions in kd order
+    rows, near : (m,) examined rows, and (m, k) their neighbours
+    ranges : slice of `rows` that forms each range
+    spacing : (r,) point spacing of each range
+    """
     least, middle, most = (fit_residuals(ordered, rows, near, k) ** 2 for k in (FEW, MANY, MOST))
     little = _quantiles(2 * least - middle, ranges, QUANTILE) / SHOWN
     much = _quantiles(2 * middle - most, ranges, QUANTILE) / MUCH_SHOWN
@@ -112,14 +128,17 @@ def _residuals(
 
 
 def _around(middles: Floats, noise: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the noise that is typical around each range, in spacings; 0 where it is small."""
+    """Return the noise typical of the ranges around each one, (r,), in spacings; 0 where it is below half a spacing.
+
+    middles : (r, 3) positions of the ranges; noise : (r,) noise of each, in spacings
+    """
     near = NeighborTree(middles).query(NEAREST)[1]
     typical = np.quantile(noise[near], LOUDER, axis=1)
     return np.where(typical > LOUD, typical, 0.0)
 
 
 def _quantiles(values: NDArray[np.float64], ranges: list[slice], q: float = 0.5) -> NDArray[np.float64]:
-    """Return a quantile of each range, not below zero; zero where too few values are finite."""
+    """Return the quantile `q` of the values in each range, not below zero; zero where at most a quarter are finite."""
     parts = [values[span] for span in ranges]
     known = [part[np.isfinite(part)] for part in parts]
     return np.array(
@@ -131,7 +150,13 @@ def _quantiles(values: NDArray[np.float64], ranges: list[slice], q: float = 0.5)
 
 
 def _heights(ordered: Floats, normals: Floats, rows: NDArray[np.int64], near: NDArray[np.int32]) -> NDArray[np.float64]:
-    """Return half the mean squared height of neighbours above the mean of two tangent planes; NaN without any."""
+    """Estimate the squared noise at some rows, (m,), from the normals of these and of neighbours; NaN if they differ.
+
+    Half the mean squared height of neighbours above the mean of the two tangent planes, less what curvature explains.
+
+    ordered, normals : (n, 3) positions and unit normals of all points
+    rows, near : (m,) examined rows, and (m, k) their neighbours
+    """
     own, others = normals[rows][:, None].astype(np.float64), normals[near].astype(np.float64)
     cosine = np.einsum("ijc,ijc->ij", own, others)
     away = ordered[near].astype(np.float64) - ordered[rows][:, None]

@@ -84,10 +84,10 @@ def smooth(points: Points, sigma: str | float = "auto", progress: StageProgress 
 
 
 class Placed(NamedTuple):
-    """Points prepared for a surface, with unit normals.
+    """Points that a surface can be built of: with unit normals, and moved onto their surface where they were noisy.
 
     noise : (n,) float32, standard deviation of the removed noise, in the points' unit; None if none was removed
-    order : (n,) int, their kd order, or nearly; None if unknown
+    order : (n,) int, rows in the kd order of the positions, or nearly; None if unknown
     apart : whether all positions are known to be distinct
     """
 
@@ -97,7 +97,7 @@ class Placed(NamedTuple):
     apart: bool = False
 
     def select(self, mask: NDArray[np.bool_]) -> Placed:
-        """Select some of the points."""
+        """Return the points where the mask, (n,) bool, is true, with their noise and kd order."""
         order = self.order
         if order is not None:
             order = (np.cumsum(mask) - 1)[order[mask[order]]]
@@ -108,9 +108,10 @@ class Placed(NamedTuple):
 def place(
     points: Points, sigma: str | float, progress: Progress | None = None, ordering: KdOrdering | None = None
 ) -> tuple[Placed, str | None]:
-    """Return points with unit normals, moved where they are noisy, and the message of `repair_normals`.
+    """Return points with unit normals, moved onto their surface where noisy, and a message on repairs, or None.
 
-    ordering : of the points, if known
+    sigma : standard deviation of the noise, or "auto"
+    ordering : kd ordering of the points, if known
     """
     if points.normals is None:
         return Placed(*with_fits(points, Fitting(sigma).fit, progress=progress, ordering=ordering)), None
@@ -119,20 +120,21 @@ def place(
 
 
 def check_sigma(value: object, name: str) -> str | float:
-    """Validate sigma: "auto", or a number from 0."""
+    """Validate the standard deviation of the noise, "auto" or a number from 0, and return it."""
     if isinstance(value, str) and value == "auto":
         return value
     return check_number(value, name, "'auto' or a finite number from 0", lambda x: 0 <= x < math.inf)
 
 
 class Fitting:
-    """Fit for `with_fits` that moves noisy points.
+    """Fit of normals that also moves noisy points onto their surface; `with_fits` calls its `fit`.
 
     Parameters
     ----------
     sigma : "auto" or float
+        Standard deviation of the noise, in the points' unit. "auto": measured locally.
     noise : Noise, optional
-        If known.
+        Noise of each point, if measured before.
     statistics : CloudStatistics, optional
         Of the cloud that the points are a part of. None: they are the whole cloud.
     """
@@ -150,7 +152,15 @@ class Fitting:
         progress: Progress | None = None,
         planes: Planes | None = None,
     ) -> Fits:
-        """Fit like `fit_normals`, but return moved positions."""
+        """Fit quadrics for unit normals, as `fit_normals` does, and move noisy points onto them.
+
+        Returns the moved positions, normals, neighbours, residuals, and the noise removed (None if no point is noisy).
+
+        ordered : (n, 3) distinct positions in kd order
+        kept : number of neighbours to return for each point, itself included
+        eye : (3,) or (n, 3) position of the scanner, which normals face; None, or NaN for a point: either side
+        planes : receives the neighbours of each point, for further fits
+        """
         noise, most = self._noise or noise_of(ordered, self._sigma)
         report_progress(progress, SURVEYED)
         left = part_of(progress, SURVEYED, 1.0)
@@ -195,7 +205,12 @@ def smooth_known(
     ordering: KdOrdering | None = None,
     known_noise: Noise | None = None,
 ) -> Placed:
-    """Smooth points with unit normals; the moved points' normals keep their sides."""
+    """Move points with unit normals onto their surface where they are noisy; their new normals face the same sides.
+
+    sigma : standard deviation of the noise, in the points' unit, or "auto"
+    ordering : kd ordering of the points, if known
+    known_noise : noise of each point in kd order, if measured before
+    """
     if sigma == 0.0:
         return Placed(points, None)
     ordering = ordering or compute_kd_ordering(points)
@@ -221,14 +236,22 @@ def smooth_known(
 
 
 class Noise(NamedTuple):
-    """Noise of each point, (n,), None if negligible everywhere; and the largest number of neighbours to fit."""
+    """Noise of a cloud, which decides how many neighbours are fitted.
+
+    values : (n,) standard deviation of each point from its surface, in the points' unit; None if negligible everywhere
+    most : largest number of neighbours to fit a quadric to
+    """
 
     values: Floats | None
     most: int
 
 
 def noise_of(ordered: Floats, sigma: str | float, normals: Floats | None = None) -> Noise:
-    """Return the noise of distinct points in kd order."""
+    """Return the noise of each point: `sigma`, or measured if that is "auto".
+
+    ordered : (n, 3) distinct positions in kd order
+    normals : (n, 3) known unit normals, which also show the noise
+    """
     if len(ordered) < SIZES[0] or sigma == 0.0:
         return Noise(None, FEWER)
     if not isinstance(sigma, str):
@@ -237,7 +260,11 @@ def noise_of(ordered: Floats, sigma: str | float, normals: Floats | None = None)
 
 
 def noise_by(ranges: NoiseRanges, rows: NDArray[np.int64]) -> Noise:
-    """Return the noise of some rows of a cloud's kd order, from all its ranges."""
+    """Return the noise of some rows of a cloud's kd order, interpolated between the ranges it was measured in.
+
+    ranges : all ranges of the cloud
+    rows : (n,) numbers in the kd order of the whole cloud
+    """
     shares = ranges.noise / np.maximum(ranges.spacing, 1e-30)
     if not (shares > LITTLE).any():
         return Noise(None, FEWER)
@@ -247,7 +274,14 @@ def noise_by(ranges: NoiseRanges, rows: NDArray[np.int64]) -> Noise:
 def _shares(
     ordered: Floats, rows: NDArray[np.int64], near: NDArray[np.int32], noise: Floats, sigma: str | float
 ) -> tuple[Floats, Floats]:
-    """Return the fraction of its move that each point makes, (m, 1), and the local spacing, (m,)."""
+    """Return the fraction of its move onto the fitted surface that each point makes, (m, 1), and the spacing, (m,).
+
+    The fraction is 1 for a given `sigma`; for "auto" it is 0 where noise is negligible, so that clean points stay.
+
+    ordered : (n, 3) positions
+    rows, near : (m,) some rows, and (m, k) their nearest neighbours
+    noise : (m,) standard deviation of these points from their surface
+    """
     k = min(SIZES[0], near.shape[1]) - 1
     spacing = SPACING * np.linalg.norm(ordered[near[:, k]] - ordered[rows], axis=1)
     if not isinstance(sigma, str):
@@ -257,10 +291,12 @@ def _shares(
 
 
 def _whole_vectors(needed: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Return the rows to fit so that the wanted ones are fitted, and which of them are wanted.
+    """Return the rows to fit so that the wanted ones are fitted, (r,) int64, and which of them are wanted, (r,) bool.
 
-    Points fitted in the same vector affect each other's last bits. Whole vectors are fitted, so that they are the same
-    wherever a part of a cloud begins.
+    Points fitted in the same vector of 16 affect each other's last bits. Whole vectors are fitted, so that they are the
+    same wherever a part of a cloud begins.
+
+    needed : (m,) bool, the wanted rows
     """
     groups = np.add.reduceat(needed, np.arange(0, len(needed), LANES)) > 0
     rows = np.flatnonzero(np.repeat(groups, LANES)[: len(needed)])
@@ -268,7 +304,10 @@ def _whole_vectors(needed: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArra
 
 
 def _blended(known: Floats, fitted: Floats, share: Floats) -> Floats:
-    """Interpolate unit normals between known and fitted ones, on the side of the known ones, (m, 3)."""
+    """Interpolate unit normals between known and fitted ones, on the side of the known ones, (m, 3).
+
+    share : (m, 1) weight of the fitted normal, 0 to 1
+    """
     same = np.sign(np.einsum("ij,ij->i", known, fitted))[:, None]
     mixed = (1 - share) * known + share * same * fitted
     length = np.linalg.norm(mixed, axis=1, keepdims=True)

@@ -34,7 +34,12 @@ BELOW = f32(-1e15)  # offset of a plane below all others
 
 @routine
 def score(k: int, memory: Neighbors) -> int:
-    """Write the heights of the scoring neighbours above all candidates; return their number."""
+    """Write the heights of about 31 of `k` neighbours above the nine candidate planes; return how many neighbours.
+
+    Heights are signed distances. `choose_two` and `choose_third` select the planes of an edge or corner by them.
+
+    memory : holds the neighbours and the planes; receives 16 heights for each neighbour
+    """
     found, width, samples = memory.found, len(memory.weights), 0
     n = load16(found, 0), load16(found, LANES), load16(found, 2 * LANES)
     offset = load16(found, 3 * LANES)
@@ -48,7 +53,10 @@ def score(k: int, memory: Neighbors) -> int:
 
 @inline
 def _unlike(planes: Array, a: int, memory: Neighbors) -> Mask:
-    """Return which candidates are at an angle to plane a."""
+    """Return which of the nine candidate planes are at an angle to plane `a` of `planes` and can form an edge with it.
+
+    planes : (4 * 16,) x, y, z of the normals, and the offsets, one plane a lane
+    """
     found, normal = memory.found, (planes[a], planes[LANES + a], planes[2 * LANES + a])
     cosine = load16(found, 0) * normal[0] + load16(found, LANES) * normal[1] + load16(found, 2 * LANES) * normal[2]
     return vabs(cosine) <= f32(BLUNT)
@@ -56,14 +64,20 @@ def _unlike(planes: Array, a: int, memory: Neighbors) -> Mask:
 
 @inline
 def _take(memory: Neighbors, at: int, a: int, sign: float) -> None:
-    """Choose candidate a."""
+    """Choose candidate plane `a` as plane `at` of the edge or corner; `sign` -1 turns it to face the other side."""
     for c in range(4):
         memory.chosen[LANES * c + at] = f32(sign) * memory.found[LANES * c + a]
 
 
 @routine
 def choose_two(samples: int, cut: float, memory: Neighbors) -> float:
-    """Choose the two candidates, with signs, whose solid is closest to the neighbours; return the sum of squares."""
+    """Choose the two candidate planes, and their sides, whose edge is closest to the neighbours of a point.
+
+    Returns the sum of the squared distances.
+
+    samples : number of neighbours whose heights above the candidates `score` has written
+    cut : squared distances beyond this count as this, so that neighbours far off both planes do not decide
+    """
     least, one, two, sign_one, sign_two = INF, 0, 0, 1.0, 1.0
     for a in range(1, CANDIDATES):
         allowed = _unlike(memory.found, a, memory) & mask16((1 << a) - 1)
@@ -87,7 +101,14 @@ def choose_two(samples: int, cut: float, memory: Neighbors) -> float:
 
 @inline
 def _squares(samples: int, a: int, cut: float, memory: Neighbors) -> tuple[F16, F16, F16, F16]:
-    """Return the summed squared distances to the solids of candidate a and each other one, for all four signs."""
+    """Sum up squared distances of neighbours from the edges of candidate `a` with each other candidate (one a lane).
+
+    With heights p above `a` and q above the other, the edges are where max(p, q), min(p, q), max(p, -q) and max(-p, q)
+    are zero; the four sums are returned in this order.
+
+    samples : number of neighbours, whose heights `score` has written
+    cut : squared distances beyond this count as this
+    """
     most = broadcast16(f32(cut))
     convex = concave = up = down = zeros()
     for j in range(samples):
@@ -100,7 +121,14 @@ def _squares(samples: int, a: int, cut: float, memory: Neighbors) -> tuple[F16, 
 
 @routine
 def _replace(k: int, at: int, cut: float, memory: Neighbors) -> float:
-    """Replace one of three planes by the candidate that brings their solid closest; return the sum of squares."""
+    """Replace one of the three chosen planes by the candidate whose corner is closest to the neighbours.
+
+    Returns the sum of the squared distances; infinity if every candidate is nearly parallel to one of the other two.
+
+    k : number of neighbours
+    at : the plane to replace, 0 to 2
+    cut : squared distances beyond this count as this
+    """
     chosen, one, two, samples = memory.chosen, (at + 1) % 3, (at + 2) % 3, 0
     allowed = _unlike(chosen, one, memory) & _unlike(chosen, two, memory) & mask16((1 << CANDIDATES) - 1)
     if bits(allowed) == 0:
@@ -125,7 +153,13 @@ def _replace(k: int, at: int, cut: float, memory: Neighbors) -> float:
 
 @inline
 def choose_third(k: int, cut: float, memory: Neighbors) -> float:
-    """Choose the third candidate, then try to improve the first two; return the sum of squares."""
+    """Add a third candidate plane to the two chosen ones, then try to improve these; return the sum of squares.
+
+    The sum is that of the neighbours' squared distances from the corner.
+
+    k : number of neighbours
+    cut : squared distances beyond this count as this
+    """
     least = _replace(k, 2, cut, memory)
     if least < INF:
         least = min(least, _replace(k, 0, cut, memory))

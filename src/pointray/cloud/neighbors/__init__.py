@@ -2,7 +2,8 @@
 
 order : kd order; sites : blocks of 16 points and their bounding boxes; search : blocks of queries against blocks of
 points; rank : ranking of one query's candidates; single : a single query; tree : the Python interface;
-distinct : equal positions; rows : parallel gathering of array rows; cuts : parts of a cloud too large for memory
+few_queries : neighbours of a few points of a large cloud; distinct : equal positions; components : connected components
+of a neighbour graph; rows : parallel gathering of array rows; cuts : parts of a cloud too large for memory
 
 Begin with search.
 """

@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 
 def connected_components(near: NDArray[np.integer[Any]], is_linked: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """Return the component of each of n points, (n,). Links are undirected.
+    """Return the connected component of each of n points, (n,) int32 numbers, in a graph of neighbours.
 
-    near : (n, k) rows of the neighbours; is_linked : (n, k) whether each of them is linked
+    near : (n, k) rows of each point's neighbours
+    is_linked : (n, k) whether an edge, in both directions, connects the point with each of them
     """
     from scipy.sparse import csr_array  # deferred: takes 0.1 s, and most commands do not need it
     from scipy.sparse.csgraph import connected_components

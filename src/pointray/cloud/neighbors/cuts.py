@@ -31,12 +31,12 @@ Chunks = Callable[[], Iterable[Floats]]
 
 
 class Cuts(NamedTuple):
-    """Top levels of a kd-tree, down to its parts.
+    """Top levels of a kd-tree over a cloud too large for memory; its leaves are the parts of the cloud.
 
     axes : (m,) int64, split axis of each node
-    keys : (m,) int64, split coordinate, see `_key`
+    keys : (m,) int64, split coordinate, encoded as an integer that sorts like the float32, see `_key`
     ties : (m,) int64, points exactly at that coordinate belong to the first child if their row is below this
-    children : (m, 2) int64, another node, or ~part
+    children : (m, 2) int64, another node, or ~part for a leaf
     """
 
     axes: Whole
@@ -45,14 +45,21 @@ class Cuts(NamedTuple):
     children: Whole
 
     def parts_of(self, positions: Floats, row: int) -> Whole:
-        """Return the part of each position, (m,). positions : (m, 3) float32, the rows from `row` on"""
+        """Return the number of the part that each position belongs to, (m,).
+
+        positions : (m, 3) float32, the rows of the cloud from `row` on
+        """
         parts = np.empty(len(positions), np.int64)
         run(_find_parts, -(-len(parts) // DIGITS), _bits_of(positions), row, self, parts)
         return parts
 
 
 class _Span(NamedTuple):
-    """Range of the order that is to be split: first place and length. node, side : its slot in the parent node."""
+    """Range of the kd order that is to be split.
+
+    place, points : its first place and its length
+    node, side : parent node, -1 for the root, and which of its two children this is
+    """
 
     place: int
     points: int
@@ -62,13 +69,17 @@ class _Span(NamedTuple):
 
 @inline
 def _key(bits: int) -> int:
-    """Return an integer from 0 to 2^32 that sorts like the float32 with these bits; 0 and -0 are equal."""
+    """Return an integer, 0 to 2^32, that sorts like the float32 with these bits, for radix selection; -0 equals 0."""
     return i64(bits) + ZERO if bits >= 0 else -i64(bits)
 
 
 @inline
 def _part_of(bits: Array, i: int, row: int, cuts: Cuts) -> int:
-    """Return the part of point i, whose row is `row`."""
+    """Return the part that a point belongs to: traverse the kd-tree `cuts` from its root.
+
+    bits : (n, 3) int32, the bits of float32 coordinates
+    i, row : the point's index in `bits`, and its row in the cloud
+    """
     node = i64(0) if len(cuts.axes) > 0 else i64(-1)
     while node >= 0:
         key = _key(bits[i, cuts.axes[node]])
@@ -89,10 +100,15 @@ def _find_parts(work: Array, bits: Array, row: int, cuts: Cuts, parts: Array) ->
 
 @kernel
 def _count_upper(work: Array, bits: Array, row: int, cuts: Cuts, slots: Array, bounds: Array, counts: Array) -> int:
-    """Find the range of the keys of each span, and count their upper digits. Each tile has its own arrays.
+    """Find the extent of each range of points that is to be split, and count coordinates by their upper 16 bits.
 
-    slots : (parts,) the span that begins with this part, or -1
-    bounds : (tiles, spans, 6) least and greatest keys; counts : (tiles, spans, 3, DIGITS) int32
+    The first pass of a radix selection of split coordinates, which are compared as integers, see `_key`. Each tile
+    (work unit of a thread) has arrays of its own.
+
+    bits : (n, 3) int32, bits of the coordinates of a chunk, which begins at `row` of the cloud
+    cuts : upper levels of the kd-tree, which assign points to parts
+    slots : (parts,) the span (range to be split) that begins with this part, or -1
+    bounds : (tiles, spans, 6) least and greatest keys; counts : (tiles, spans, 3, 2^16) int32
     """
     tile = next_tile(work)
     while tile >= 0:
@@ -110,9 +126,15 @@ def _count_upper(work: Array, bits: Array, row: int, cuts: Cuts, slots: Array, b
 
 @kernel
 def _count_lower(work: Array, bits: Array, row: int, cuts: Cuts, slots: Array, chosen: Array, counts: Array) -> int:
-    """Count the lower digits of the coordinates that have the chosen upper digits.
+    """Count the points of each range that is to be split by the lower 16 bits of their coordinate.
 
-    chosen : (spans, 2) axis and upper digits; counts : (tiles, spans, DIGITS) int32
+    The second pass of a radix selection: only points count whose upper 16 bits are those of the split coordinate.
+
+    bits : (n, 3) int32, bits of the coordinates of a chunk, which begins at `row` of the cloud
+    cuts : upper levels of the kd-tree, which assign points to parts
+    slots : (parts,) the span (range to be split) that begins with this part, or -1
+    chosen : (spans, 2) split axis, and upper bits of the split coordinate's key
+    counts : (tiles, spans, 2^16) int32
     """
     tile = next_tile(work)
     while tile >= 0:
@@ -128,9 +150,14 @@ def _count_lower(work: Array, bits: Array, row: int, cuts: Cuts, slots: Array, c
 
 @kernel
 def _find_ties(bits: Array, row: int, cuts: Cuts, slots: Array, chosen: Array, left: Array, ties: Array) -> int:
-    """Find the row at which the first half has received its `left` points that lie on the cut.
+    """Find which points exactly at a split coordinate belong to the first half: those with the lowest rows.
 
-    chosen : (spans, 2) axis and key
+    bits : (n, 3) int32, bits of the coordinates of a chunk, which begins at `row` of the cloud
+    cuts : upper levels of the kd-tree, which assign points to parts
+    slots : (parts,) the span (range to be split) that begins with this part, or -1
+    chosen : (spans, 2) split axis, and key of the split coordinate
+    left : (spans,) number of such points that the first half still lacks; reduced by those found
+    ties : (spans,) receives the row after the last one that belongs to the first half
     """
     for i in range(len(bits)):
         span = slots[_part_of(bits, i, row + i, cuts)]
@@ -142,7 +169,7 @@ def _find_ties(bits: Array, row: int, cuts: Cuts, slots: Array, chosen: Array, l
 
 
 def find_cuts(chunks: Chunks, count: int, size: int, progress: Progress | None = None) -> Cuts:
-    """Find the cuts of the kd order of a large cloud, down to parts of `size` points.
+    """Split a cloud too large for memory into parts along the kd order: build the top of the kd-tree.
 
     Parameters
     ----------
@@ -183,7 +210,13 @@ def find_cuts(chunks: Chunks, count: int, size: int, progress: Progress | None =
 
 
 class _Cloud(NamedTuple):
-    """The points, and the spans to be cut. slots : (parts,) the span that begins with this part, or -1"""
+    """Points of a cloud that is read in chunks, and its ranges that are to be split.
+
+    chunks : called for each pass over the points; yields (m, 3) float32 arrays
+    points : number of points
+    cuts : upper levels of the kd-tree, found so far
+    slots : (parts,) index of the range that begins with this part, or -1
+    """
 
     chunks: Chunks
     points: int
@@ -191,7 +224,7 @@ class _Cloud(NamedTuple):
     slots: Whole
 
     def read(self, look: Callable[[NDArray[np.int32], int], Any], progress: Progress | None) -> None:
-        """Call a function with each chunk and the row of its first point."""
+        """Read all points once: call `look` with the coordinates' bits (int32) and the first row of each chunk."""
         row = 0
         for chunk in self.chunks():
             look(_bits_of(chunk), row)
@@ -202,7 +235,13 @@ class _Cloud(NamedTuple):
 
 
 def _cut(cloud: _Cloud, sizes: Whole, progress: Progress | None) -> tuple[Whole, Whole, Whole]:
-    """Return axis, key and tie of the cut of each span. sizes : (spans,) points of the first half"""
+    """Find where to split each range of points: return (spans,) split axes, keys of the split coordinates, and rows.
+
+    Keys are integers that sort like coordinates. A point exactly at the split coordinate belongs to the first half if
+    its row is below the returned one.
+
+    sizes : (spans,) number of points of the first half
+    """
     spans, rest = len(sizes), (cloud.cuts, cloud.slots)
     tiles = min(max(ROOM // (spans * 3 * DIGITS * 4), 1), thread_count())
     bounds = np.tile([2 * ZERO + 1] * 3 + [-1] * 3, (tiles, spans, 1))
@@ -224,7 +263,11 @@ def _cut(cloud: _Cloud, sizes: Whole, progress: Progress | None) -> tuple[Whole,
 
 
 def _digits_at(counts: NDArray[np.int32], ranks: Whole) -> tuple[Whole, Whole]:
-    """Return the digit of each span's point with the given rank, and how many points have lower digits."""
+    """Return which 16-bit digit the point of a given rank has in each range, and how many points have lower digits.
+
+    counts : (tiles, spans, 2^16) how often each digit occurs
+    ranks : (spans,) number of points of the range that sort before it
+    """
     ends = counts.sum(axis=0, dtype=np.int64).cumsum(axis=1)
     digits = np.array([np.searchsorted(row, rank, side="right") for row, rank in zip(ends, ranks, strict=True)])
     before = np.where(digits > 0, ends[np.arange(len(ends)), digits - 1], 0)
@@ -232,7 +275,7 @@ def _digits_at(counts: NDArray[np.int32], ranks: Whole) -> tuple[Whole, Whole]:
 
 
 def _values_of(keys: Whole) -> Floats:
-    """Return the coordinates that keys encode."""
+    """Decode keys, integers that sort like float32 coordinates, to these coordinates."""
     return np.where(keys >= ZERO, keys - ZERO, -keys).astype(np.int32).view(np.float32)
 
 

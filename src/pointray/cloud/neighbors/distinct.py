@@ -25,7 +25,11 @@ def _key(positions: Array, i: int, c: int, cell: float) -> float:
 
 @inline
 def _entry(positions: Array, i: int, cell: float, mask: int) -> int:
-    """Return the first table entry to probe for a position."""
+    """Return the entry of the hash table to probe first for positions[i]: the hash of its coordinates.
+
+    cell : 0, or the size of a grid whose cells are hashed instead
+    mask : size of the table minus 1
+    """
     code = i64(0)
     for c in range(3):
         key = _key(positions, i, c, cell)
@@ -44,9 +48,11 @@ def _same(positions: Array, i: int, j: int, cell: float) -> bool:
 
 @kernel
 def _number(positions: Array, cell: float, table: Array, rows: Array, ids: Array) -> int:
-    """Write the first row and the number of each distinct position; return how many there are.
+    """Number the distinct positions in the order of their first rows; return how many there are.
 
-    table : int32, filled with -1; its length is a power of two
+    cell : 0: exact comparison; otherwise positions in the same grid cell of this size count as equal
+    table : hash table, int32, filled with -1; its length is a power of two
+    rows : receives the first row of each distinct position; ids : (n,) receives the number of each row's position
     """
     positions, table, rows, ids = borrow(positions), borrow(table), borrow(rows), borrow(ids)
     n, mask, count = len(positions), len(table) - 1, 0
@@ -70,7 +76,7 @@ def _number(positions: Array, cell: float, table: Array, rows: Array, ids: Array
 
 
 def distinct(positions: Floats, cell: float = 0.0) -> tuple[Rows, Rows]:
-    """Find distinct positions.
+    """Find which positions are distinct, and to which of these each row belongs.
 
     Parameters
     ----------

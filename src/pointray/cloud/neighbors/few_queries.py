@@ -24,16 +24,16 @@ FAR = 2.0**61  # cells from the origin
 
 
 class Neighborhoods(NamedTuple):
-    """Nearest distinct positions of a few points.
+    """Nearest distinct positions of some points of a cloud, nearest first.
 
     Attributes
     ----------
     rows : (m, k) int
-        One row of each position, nearest first, beginning with the point itself.
+        One row of the cloud at each of these positions; the first one is the point itself.
     shared : (m, k) int
-        Number of rows at that position.
+        Number of rows of the cloud at that position.
     farthest : (m,) float32
-        Distance to the farthest position.
+        Distance to the farthest of them.
     """
 
     rows: Rows
@@ -42,7 +42,10 @@ class Neighborhoods(NamedTuple):
 
 
 def find_neighborhoods(positions: Floats, count: int, k: int, seed: int = 0) -> Neighborhoods:
-    """Find the k nearest distinct positions of `count` random points, or of all points if there are fewer.
+    """Find the k nearest distinct positions of `count` random points of a cloud, or of all points if there are fewer.
+
+    In large clouds only points near the chosen ones are searched. Up to a fifth of these, in sparse regions, may then
+    be missing.
 
     Parameters
     ----------
@@ -70,7 +73,11 @@ def find_neighborhoods(positions: Floats, count: int, k: int, seed: int = 0) -> 
 
 
 def _nearest(positions: Floats, around: Rows, queries: Rows, k: int) -> Neighborhoods:
-    """Return the neighbourhoods of the rows `queries` among the rows `around`, which contain them."""
+    """Find the k nearest distinct positions of some rows.
+
+    around : rows among which neighbours are searched, including the queries
+    queries : (m,) rows whose neighbours are wanted
+    """
     rows, ids = distinct(positions[around])
     shared = np.bincount(ids)
     distances, near = neighbors(positions[around[rows]], k, positions[queries])
@@ -78,7 +85,14 @@ def _nearest(positions: Floats, around: Rows, queries: Rows, k: int) -> Neighbor
 
 
 def rows_around(positions: Floats, queries: Floats, cell: float) -> Rows:
-    """Return the rows in the cells of the queries and in adjacent cells, plus some of equal hash."""
+    """Return the rows in the grid cells of the queries and in adjacent cells, and some others, ascending.
+
+    A hash table marks the cells; rows of other cells with the same hash are returned as well.
+
+    positions : (n, 3) float32
+    queries : (m, 3) float32
+    cell : size of a cell
+    """
     wanted, chosen = np.zeros(TABLE, np.bool_), np.empty(len(positions), np.bool_)
     _mark(np.ascontiguousarray(queries), float(cell), wanted)
     run(_choose, -(-len(positions) // CHUNK), np.ascontiguousarray(positions), float(cell), wanted, chosen)
@@ -87,7 +101,10 @@ def rows_around(positions: Floats, queries: Floats, cell: float) -> Rows:
 
 @inline
 def _cell_of(positions: Array, i: int, cell: float) -> tuple[int, int, int]:
-    """Return the grid cell of a point; coordinates are clamped to FAR cells."""
+    """Return the three integer coordinates of the grid cell of positions[i]; `cell` is its size.
+
+    Cells are at most 2^61 from the origin: farther positions are clamped.
+    """
     x, y, z = f64(positions[i, 0]) / cell, f64(positions[i, 1]) / cell, f64(positions[i, 2]) / cell
     return (
         i64(math.floor(min(max(x, -FAR), FAR))),
@@ -98,13 +115,18 @@ def _cell_of(positions: Array, i: int, cell: float) -> tuple[int, int, int]:
 
 @inline
 def _hash_of(x: int, y: int, z: int) -> int:
-    """Return the hash of a cell, below TABLE."""
+    """Return the hash, below 2^24, of the grid cell with integer coordinates x, y, z."""
     return (x * 73856093 ^ y * 19349663 ^ z * 83492791) & (TABLE - 1)
 
 
 @kernel
 def _mark(queries: Array, cell: float, wanted: Array) -> int:
-    """Mark the cells of the queries and their 26 neighbours."""
+    """Mark the hash values of the grid cells of the queries, and of the 26 cells around each.
+
+    queries : (m, 3) positions
+    cell : size of a cell
+    wanted : (2^24,) bool, receives the marks
+    """
     for i in range(len(queries)):
         x, y, z = _cell_of(queries, i, cell)
         for k in range(27):
@@ -114,7 +136,11 @@ def _mark(queries: Array, cell: float, wanted: Array) -> int:
 
 @kernel
 def _choose(work: Array, positions: Array, cell: float, wanted: Array, chosen: Array) -> int:
-    """Select the points in marked cells."""
+    """Write to chosen[i] whether positions[i] is in a grid cell whose hash value is marked.
+
+    cell : size of a cell
+    wanted : (2^24,) bool, the marks
+    """
     positions, wanted, chosen = borrow(positions), borrow(wanted), borrow(chosen)
     tile = next_tile(work)
     while tile >= 0:

@@ -30,7 +30,10 @@ Floats = NDArray[np.float32]
 
 @inline
 def first_part(count: int) -> int:
-    """Return the size of the first half of `count` points, at least 2: the largest power of two below `count`."""
+    """Return the number of points in the first half of a kd-tree node with `count` points, at least 2.
+
+    It is the largest power of two below `count`, so that aligned ranges of 4, 16, 64 ... points are subtrees.
+    """
     half = 1
     while 2 * half < count:
         half *= 2
@@ -39,7 +42,10 @@ def first_part(count: int) -> int:
 
 @inline
 def _longest_side(rows: Array, low: int, high: int) -> int:
-    """Return the axis along which rows[low:high] extend farthest."""
+    """Return the axis along which rows low to high - 1 extend farthest.
+
+    rows : flat, four floats for each point: x, y, z and its number
+    """
     least, greatest = broadcast16(INF), broadcast16(-INF)
     i = ROW * low
     while i + 16 <= ROW * high:
@@ -60,7 +66,11 @@ def _longest_side(rows: Array, low: int, high: int) -> int:
 
 @inline
 def _pivot(rows: Array, axis: int, left: int, right: int, nth: int, sample: Array) -> float:
-    """Estimate the value that the nth row of rows[left : right + 1] would have if they were sorted."""
+    """Estimate the value that row `nth` would have along an axis if the rows left to right were sorted.
+
+    rows : flat, four floats for each point: x, y, z and its number
+    sample : memory for 32 values; many rows are estimated by a quantile of that many
+    """
     count = right - left + 1
     if count < MANY:
         return rows[ROW * ((left + right) >> 1) + axis]
@@ -82,9 +92,12 @@ def _swap(rows: Array, i: int, j: int) -> None:
 
 @inline
 def _partition(rows: Array, axis: int, left: int, right: int, pivot: float, equal: bool) -> int:
-    """Move rows below the pivot (with `equal`: up to it) to the front of rows[left : right + 1]; return their end.
+    """Move rows below the pivot (with `equal`: up to it) to the front of the rows left to right; return their end.
 
     No branch depends on the rows: with Hoare's partition sorting takes twice as long.
+
+    rows : flat, four floats for each point: x, y, z and its number
+    axis : column that is compared
     """
     end = left
     for i in range(left, right + 1):
@@ -96,7 +109,11 @@ def _partition(rows: Array, axis: int, left: int, right: int, pivot: float, equa
 
 @inline
 def _select(rows: Array, axis: int, low: int, high: int, nth: int, sample: Array) -> None:
-    """Partition rows[low:high] so that row `nth` is where sorting along an axis would put it (quickselect)."""
+    """Partition rows low to high - 1 so that row `nth` is where sorting along an axis would put it (quickselect).
+
+    rows : flat, four floats for each point: x, y, z and its number
+    sample : memory for 32 values
+    """
     left, right = low, high - 1
     while right > left:
         pivot = _pivot(rows, axis, left, right, nth, sample)
@@ -113,7 +130,14 @@ def _select(rows: Array, axis: int, low: int, high: int, nth: int, sample: Array
 
 @inline
 def _order_ties(rows: Array, axis: int, low: int, high: int, nth: int, sample: Array) -> None:
-    """Among the rows at the cut coordinate, move those with the lowest numbers before row `nth`."""
+    """Move rows with the lowest numbers before row `nth`, among those exactly at the coordinate where a node is cut.
+
+    rows : flat, four floats for each point: x, y, z and its number
+    axis : split axis
+    low, high : first row of the node, and the row after its last one
+    nth : first row of the second half, already in its place along the axis
+    sample : memory for 32 values
+    """
     value, begin, end = rows[ROW * nth + axis], nth, nth
     for i in range(nth - 1, low - 1, -1):
         if rows[ROW * i + axis] == value:
@@ -130,7 +154,10 @@ def _order_ties(rows: Array, axis: int, low: int, high: int, nth: int, sample: A
 
 @inline
 def _sort_leaf(rows: Array, low: int, high: int) -> None:
-    """Sort a few rows by their numbers."""
+    """Sort a kd-tree leaf, rows low to high - 1 of a few points, by their numbers.
+
+    rows : flat, four floats for each point: x, y, z and its number
+    """
     for i in range(low + 1, high):
         j = i
         while j > low and rows[ROW * (j - 1) + NUMBER] > rows[ROW * j + NUMBER]:
@@ -140,7 +167,12 @@ def _sort_leaf(rows: Array, low: int, high: int) -> None:
 
 @kernel
 def _cut(work: Array, rows: Array, spans: Array, least: int) -> int:
-    """Sort each span of rows, a flat array, down to spans of `least` rows."""
+    """Sort spans of rows along a kd order: split each recursively across its longest side, down to `least` rows.
+
+    work : gives each thread its next span
+    rows : flat, four floats for each point: x, y, z and its number
+    spans : (m, 2) first row, and the row after the last one
+    """
     rows = borrow(rows)
     stack, sample = np.empty((DEPTH, 2), np.int64), np.empty(SAMPLE, np.float32)
     span = next_tile(work)
@@ -165,7 +197,10 @@ def _cut(work: Array, rows: Array, spans: Array, least: int) -> int:
 
 
 def sort_rows(rows: Floats, threads: int | None = None) -> None:
-    """Sort rows, (n, 4) of x, y, z and number, into the order of `kd_order`, in place."""
+    """Sort points along a kd order, in place.
+
+    rows : (n, 4) x, y, z, and the bits of the point's int32 number
+    """
     n = len(rows)
     flat, half = rows.reshape(-1), 1 << max(n - 1, 1).bit_length() - 1
     length = n
@@ -182,7 +217,7 @@ def _spans(n: int, length: int) -> NDArray[np.int64]:
 
 
 def kd_order(positions: Floats, threads: int | None = None) -> NDArray[np.int32]:
-    """Compute an order in which each aligned range of 4, 16, 64 ... points is a leaf or subtree of a kd-tree.
+    """Sort points along a kd order: each aligned range of 4, 16, 64 ... points is a leaf or a subtree of a kd-tree.
 
     Parameters
     ----------

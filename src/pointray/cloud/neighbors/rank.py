@@ -38,7 +38,11 @@ Rows: TypeAlias = tuple[float, Array, Array]  # the output table, see `search.fi
 
 @inline
 def measure_all(q: Query, pool: Pool, end: int) -> None:
-    """Write the squared distances of all candidates."""
+    """Write the squared distances of a query from all candidates (points near it) to the last array of the pool.
+
+    pool : x, y, z, numbers and squared distances of the candidates
+    end : number of candidates
+    """
     for i in range(0, end, LANES):
         x, y, z = load16(pool[0], i) - q[0], load16(pool[1], i) - q[1], load16(pool[2], i) - q[2]
         store(pool[4], i, x * x + y * y + z * z)
@@ -46,7 +50,10 @@ def measure_all(q: Query, pool: Pool, end: int) -> None:
 
 @inline
 def _count_within(squares: Array, end: int, bound: float) -> int:
-    """Count the candidates that are certainly within a bound, whatever the rounding."""
+    """Count the squared distances that are certainly within a bound, whatever their rounding errors.
+
+    squares : float32 squared distances; end : how many there are
+    """
     limit, count = broadcast16(f32(bound * LESS)), 0
     for i in range(0, end, LANES):
         count += count_bits(bits(load16(squares, i) <= limit))
@@ -55,7 +62,12 @@ def _count_within(squares: Array, end: int, bound: float) -> int:
 
 @inline
 def bound_for(squares: Array, end: int, k: int, guess: float, limit: float) -> float:
-    """Find a squared distance within which there are k candidates or slightly more; -1 if `limit` holds fewer."""
+    """Find a squared distance within which a query has k candidates or slightly more; -1 if `limit` holds fewer.
+
+    squares : squared distances of the candidates; end : how many there are
+    guess : squared distance to try first
+    limit : squared distance within which all points are among the candidates
+    """
     bound = min(guess, limit)
     count = _count_within(squares, end, bound)
     while count < k:
@@ -73,7 +85,12 @@ def bound_for(squares: Array, end: int, k: int, guess: float, limit: float) -> f
 
 @inline
 def pack_within(pool: Pool, end: int, bound: float, packed: Packed) -> int:
-    """Copy the candidates within a bound contiguously; return their number."""
+    """Copy the candidates within a bound to contiguous memory; return their number.
+
+    pool : x, y, z, numbers and squared distances of the candidates; end : how many there are
+    bound : largest squared distance
+    packed : receives x, y, z and numbers
+    """
     limit, count = broadcast16(f32(bound)), 0
     for i in range(0, end, LANES):
         near = load16(pool[4], i) <= limit
@@ -87,7 +104,13 @@ def pack_within(pool: Pool, end: int, bound: float, packed: Packed) -> int:
 
 @inline
 def rank(q: Query, packed: Packed, count: int, ranked: Ranked) -> None:
-    """Rank candidates by distance: by float32 squares if these all differ, else by float64 squares, then numbers."""
+    """Rank candidates by distance from query q: by float32 squares if these all differ, else by float64 squares.
+
+    Candidates at equal distance are ranked by number.
+
+    packed : x, y, z and numbers of the candidates; count : how many there are
+    ranked : receives float32 squares, float64 squares, numbers (only if some are equally distant) and ranks from 0
+    """
     keys, squares, numbers, ranks = ranked
     for i in range(0, count, LANES):
         x, y, z = load16(packed[0], i), load16(packed[1], i), load16(packed[2], i)
@@ -111,7 +134,11 @@ def rank(q: Query, packed: Packed, count: int, ranked: Ranked) -> None:
 
 @inline
 def _rank_ties(packed: Array, count: int, squares: Array, numbers: Array, ranks: Array) -> None:
-    """Rank candidates of which some are equally distant."""
+    """Rank candidates by float64 squared distance, those at equal distance by number.
+
+    packed : numbers of the candidates; numbers : receives them
+    squares : float64 squared distances; ranks : receives the ranks, from 0
+    """
     for i in range(count):
         numbers[i] = packed[i]
     for i in range(0, count, 8):
@@ -124,7 +151,13 @@ def _rank_ties(packed: Array, count: int, squares: Array, numbers: Array, ranks:
 
 @inline
 def write_ranked(ranked: Ranked, packed: Packed, count: int, k: int, line: Array, at: int, rows: Rows) -> float:
-    """Write a query's neighbours in order of rank; return the squared distance of the farthest."""
+    """Write a query's k nearest points, in order of rank, to its row; return the squared distance of the farthest.
+
+    ranked : squares and ranks of the candidates, from `rank`; packed, count : the candidates, and how many there are
+    line : memory for sorting
+    at : index at which the query's row begins
+    rows : factor to unscaled distances, and flat arrays of distances (may be empty) and of point numbers
+    """
     _, squares, numbers, ranks = ranked
     unit, distances, indices = rows
     for i in range(count):

@@ -17,7 +17,13 @@ AHEAD = 16  # rows that are prefetched
 
 @kernel
 def _take(work: Array, words: Array, rows: Array, width: int, out: Array) -> int:
-    """Copy rows of `width` words; words and out are flat."""
+    """Copy some rows of an array to `out`, in parallel.
+
+    work : gives each thread its next tile, 2^14 rows
+    words, out : flat int32
+    rows : numbers of the rows to copy
+    width : int32 words of a row
+    """
     words, rows, out = borrow(words), borrow(rows), borrow(out)
     tile = next_tile(work)
     while tile >= 0:
@@ -31,7 +37,7 @@ def _take(work: Array, words: Array, rows: Array, width: int, out: Array) -> int
 
 
 def take(values: NDArray[Any], rows: NDArray[np.integer[Any]]) -> NDArray[Any]:
-    """Return values[rows] for many row numbers, none of them negative.
+    """Return values[rows] for many row numbers, none of them negative, in parallel.
 
     24 M rows of three float32 in random order take 0.3 s on two cores; NumPy takes 1.7 s.
     """

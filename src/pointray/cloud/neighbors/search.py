@@ -44,7 +44,14 @@ Memory: TypeAlias = tuple[Pool, Packed, Ranked, Array, Best, Array, Array]  # ..
 
 @inline
 def _collect(tree: Tree, low: Query, high: Query, square: float, stack: Array, found: Array) -> int:
-    """List the blocks of points within a distance of a box; return their number, or -1 if there are too many."""
+    """List the blocks of 16 points within a distance of a box around queries; return their number, or -1 if too many.
+
+    tree : blocks of 16 points, their numbers, nodes of bounding boxes, first node of each level
+    low, high : corners of the box
+    square : squared distance
+    stack : memory for nodes of the tree
+    found : receives the numbers of the blocks
+    """
     nodes, starts = tree[2], tree[3]
     square = f32(square * MORE)
     stack[0, 0], stack[0, 1] = len(starts) - 2, 0
@@ -74,7 +81,12 @@ def _collect(tree: Tree, low: Query, high: Query, square: float, stack: Array, f
 
 @inline
 def _pool(tree: Tree, found: Array, count: int, pool: Pool) -> None:
-    """Copy blocks of points contiguously."""
+    """Copy the points of some blocks (16 points each) to contiguous memory.
+
+    tree : blocks of 16 points, their numbers, nodes of bounding boxes, first node of each level
+    found, count : numbers of the blocks, and how many there are
+    pool : receives x, y, z and numbers of the points
+    """
     blocks, numbers = tree[0], tree[1]
     for t in range(count):
         b = i64(found[t])
@@ -86,20 +98,20 @@ def _pool(tree: Tree, found: Array, count: int, pool: Pool) -> None:
 
 @inline
 def _query(batch: Batch, slot: int) -> Query:
-    """Return the position of a query."""
+    """Return the scaled coordinates of query `slot` of a batch, whose first array holds blocks of 16 queries."""
     queries, at = batch[0], slot // LANES * BLOCK + slot % LANES
     return queries[at], queries[at + LANES], queries[at + 2 * LANES]
 
 
 @inline
 def _row(batch: Batch, slot: int) -> int:
-    """Return the output row of a query."""
+    """Return the output row of query `slot` of a batch: its number, or without numbers its index in the batch."""
     return i64(batch[1][slot]) if len(batch[1]) > 0 else slot - batch[2]
 
 
 @inline
 def _box(batch: Batch, block: int, count: int) -> tuple[Query, Query]:
-    """Return the bounding box of a block of queries."""
+    """Return the bounding box, its minimum and its maximum, of the first `count` queries of a block of 16."""
     low = high = _query(batch, block * LANES)
     for slot in range(block * LANES + 1, block * LANES + count):
         q = _query(batch, slot)
@@ -110,7 +122,12 @@ def _box(batch: Batch, block: int, count: int) -> tuple[Query, Query]:
 
 @inline
 def _search_single(tree: Tree, batch: Batch, slot: int, k: int, memory: Memory, rows: Rows) -> float:
-    """Find and write the neighbours of a single query; return the squared distance of the farthest."""
+    """Find and write the k nearest points of query `slot` alone; return the squared distance of the farthest.
+
+    tree : blocks of 16 points, their numbers, nodes of bounding boxes, first node of each level
+    batch : blocks of 16 queries, their numbers (perhaps none), and the index of the first query
+    rows : factor to unscaled distances, and flat arrays of distances (may be empty) and of point numbers
+    """
     best = memory[4]
     farthest = search_alone(tree, _query(batch, slot), k, memory[5], best)
     unit, distances, indices = rows
@@ -126,11 +143,14 @@ def _search_single(tree: Tree, batch: Batch, slot: int, k: int, memory: Memory, 
 def _search_pool(
     batch: Batch, block: int, waiting: Bits, end: int, k: int, limit: float, memory: Memory, rows: Rows
 ) -> tuple[Bits, float]:
-    """Answer the waiting queries of a block that find k points within a limit.
+    """Find and write the k nearest points of those queries of a block that have k points within a limit.
 
-    Return the queries that remain, and the largest squared distance of a neighbour.
+    Returns the queries that remain, as bits, and the largest squared distance of a neighbour that was found.
 
-    limit : squared distance within which the pool holds all points
+    waiting : queries of the block to answer, as bits
+    end : number of points in the memory's pool, which holds all points within the limit
+    limit : squared distance
+    rows : factor to unscaled distances, and flat arrays of distances (may be empty) and of point numbers
     """
     pool, packed, ranked, line = memory[0], memory[1], memory[2], memory[3]
     left, near, needed = waiting, limit / BEYOND, 0.0
@@ -153,9 +173,13 @@ def _search_pool(
 def _search_block(
     tree: Tree, batch: Batch, block: int, count: int, k: int, limit: float, memory: Memory, rows: Rows
 ) -> float:
-    """Answer all queries of a block; return the largest squared distance of a neighbour.
+    """Find and write the k nearest points of the queries of a block; return the largest squared distance of one.
 
+    tree : blocks of 16 points, their numbers, nodes of bounding boxes, first node of each level
+    batch : blocks of 16 queries, their numbers (perhaps none), and the index of the first query
+    count : number of queries of the block, at most 16
     limit : squared distance to search first; if not positive, it is taken from a single query
+    rows : factor to unscaled distances, and flat arrays of distances (may be empty) and of point numbers
     """
     low, high = _box(batch, block, count)
     waiting, needed, tried, is_measured = (1 << count) - 1, 0.0, 0, False
@@ -185,9 +209,11 @@ def _search_block(
 def find_nearest(work: Array, tree: Tree, batch: Batch, end: int, k: int, rows: Rows) -> int:
     """Write the k nearest points of all queries before `end` to their rows, nearest first.
 
-    batch : queries, their numbers (see `Blocks`) and the first query, a multiple of 16; without numbers queries are
-        numbered from the first
-    rows : unit of the scaled distances; distances, flat, may be empty; indices, flat. Row i begins at k times i.
+    work : gives each thread its next tile, 64 blocks of 16 queries
+    tree : blocks of 16 points, numbers of the points, nodes of bounding boxes, first node of each level
+    batch : blocks of 16 queries, their numbers, and the first query, a multiple of 16; if there are no numbers (an
+        empty array), queries are numbered from the first
+    rows : factor to unscaled distances; distances, flat, may be empty; point numbers, flat. Row i begins at k times i.
     """
     tree, batch, rows = borrow(tree), borrow(batch), borrow(rows)
     most = SPARE + k // PER_NEIGHBOR

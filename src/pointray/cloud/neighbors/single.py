@@ -21,7 +21,14 @@ Best: TypeAlias = tuple[Array, Array, Array, Array]  # squares, numbers, squares
 
 @inline
 def _push(tree: Tree, level: int, j: int, q: Query, limit: float, depth: int, stack: Array, best: Best) -> int:
-    """Push the children of a node that are within a limit, nearest last; return the stack depth."""
+    """Push the children of a tree node whose boxes are within a limit of query q, nearest last; return the stack depth.
+
+    tree : blocks of 16 points, their numbers, nodes of bounding boxes, first node of each level
+    level, j : level of the node, 0 for the lowest, and its index there
+    limit : squared distance
+    stack : (m, 2) receives level and index of the children; level -1 is a block of points
+    best : its third array receives their squared distances
+    """
     nodes, starts, squares, lanes = tree[2], tree[3], best[2], best[3]
     at, none = (starts[level] + j) * NODE, broadcast16(ZERO)
     x = vmax(vmax(load16(nodes, at) - q[0], q[0] - load16(nodes, at + 48)), none)
@@ -44,7 +51,12 @@ def _push(tree: Tree, level: int, j: int, q: Query, limit: float, depth: int, st
 
 @inline
 def _insert(square: float, number: int, count: int, k: int, best: Best) -> int:
-    """Insert a point into the list of the k nearest if it belongs there; return the list's length."""
+    """Insert a point into the list of the k nearest if it belongs there; return the list's length.
+
+    square, number : the point's squared distance and its number, which decides between equal distances
+    count : length of the list so far
+    best : its first two arrays hold squared distances and numbers, nearest first
+    """
     squares, numbers = best[0], best[1]
     if count == k:
         if square > squares[k - 1] or (square == squares[k - 1] and number > numbers[k - 1]):
@@ -60,9 +72,13 @@ def _insert(square: float, number: int, count: int, k: int, best: Best) -> int:
 
 @routine
 def search_alone(tree: Tree, q: Query, k: int, stack: Array, best: Best) -> float:
-    """Write the k nearest points to `best`, nearest first; return the squared distance of the farthest.
+    """Write the k nearest points of query q to `best`, nearest first; return the squared distance of the farthest.
 
     There must be at least k points. If hundreds coincide with the query, only some of them are examined, in any order.
+
+    tree : blocks of 16 points, their numbers, nodes of bounding boxes, first node of each level
+    stack : memory for nodes
+    best : receives squared distances and numbers; the rest is memory for the search
     """
     blocks, numbers = tree[0], tree[1]
     stack[0, 0], stack[0, 1], best[2][0] = len(tree[3]) - 2, 0, 0.0

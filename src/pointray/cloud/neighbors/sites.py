@@ -24,11 +24,11 @@ Floats = NDArray[np.float32]
 
 
 class Blocks(NamedTuple):
-    """Points in blocks, in kd order.
+    """Points in blocks of 16 that are consecutive in kd order, for vectors of 16 lanes.
 
     size : number of points
-    blocks : (b * BLOCK,) float32, scaled
-    numbers : (b * LANES,) int32, the caller's row of each point, or -1
+    blocks : (b * 48,) float32: x of the 16 points of a block, then y, then z; scaled
+    numbers : (b * 16,) int32, the caller's row of each point, or -1 for an unused lane
     """
 
     size: int
@@ -37,9 +37,10 @@ class Blocks(NamedTuple):
 
 
 class Boxes(NamedTuple):
-    """Tree of bounding boxes around blocks.
+    """Tree of bounding boxes around blocks of 16 points; a node holds the boxes of its 16 children.
 
-    nodes : (m * NODE,) float32, level by level from the blocks up; child c of node i is node 16 i + c one level below
+    nodes : (m * 96,) float32, minimum x, y, z of the children, then maximum; level by level from the blocks up, so that
+        child c of node i is node 16 i + c one level below
     starts : (levels + 1,) int64, first node of each level, then the number of nodes
     """
 
@@ -49,7 +50,12 @@ class Boxes(NamedTuple):
 
 @kernel
 def _fill_blocks(work: Array, positions: Array, order: Array, scale: float, blocks: Array, numbers: Array) -> int:
-    """Copy points into blocks in the given order, or as they are if it is empty."""
+    """Copy points into blocks of 16 points, scaled.
+
+    work : gives each thread its next tile of blocks
+    order : rows of the points in the order of the blocks; empty: as they are
+    blocks, numbers : receive the coordinates, and the row of each point, -1 for unused lanes
+    """
     positions, order, blocks, numbers = borrow(positions), borrow(order), borrow(blocks), borrow(numbers)
     count = len(positions)
     tile = next_tile(work)
@@ -69,7 +75,13 @@ def _fill_blocks(work: Array, positions: Array, order: Array, scale: float, bloc
 
 @kernel
 def _fill_leaves(work: Array, count: int, blocks: Array, nodes: Array) -> int:
-    """Write the bounding box of each block into its leaf node."""
+    """Write the bounding box of each block of 16 points into a node of the lowest level.
+
+    work : gives each thread its next tile of blocks
+    count : number of points
+    blocks : flat, x of the 16 points of a block, then y, then z
+    nodes : flat, 96 floats a node: minimum x, y, z of its 16 children, then maximum
+    """
     blocks, nodes = borrow(blocks), borrow(nodes)
     filled = -(-count // LANES)
     tile = next_tile(work)
@@ -88,7 +100,11 @@ def _fill_leaves(work: Array, count: int, blocks: Array, nodes: Array) -> int:
 
 @kernel
 def _fill_levels(nodes: Array, starts: Array) -> int:
-    """Write the bounding boxes of each level into the level above."""
+    """Write the bounding box of each node, level by level, into its parent node.
+
+    nodes : flat, 96 floats a node: minimum x, y, z of its 16 children, then maximum
+    starts : first node of each level, then the number of nodes
+    """
     for level in range(len(starts) - 2):
         for i in range(starts[level], starts[level + 1]):
             j = i - starts[level]
@@ -100,13 +116,16 @@ def _fill_levels(nodes: Array, starts: Array) -> int:
 
 
 def scale_of(positions: Floats) -> float:
-    """Return the power of two that scales all coordinates to at most 1, within the range of float32."""
+    """Return the power of two that scales coordinates to at most 1, so that squared distances stay within float32."""
     greatest = max(float(positions.max()), -float(positions.min()))
     return math.ldexp(1.0, int(np.clip(-math.frexp(greatest)[1], -120, 120)))
 
 
 def make_blocks(positions: Floats, scale: float, in_order: bool) -> Blocks:
-    """Return the points in blocks. in_order : whether they already are in kd order"""
+    """Arrange points in blocks of 16 consecutive ones in kd order, scaled by `scale`.
+
+    in_order : whether the positions already are in kd order, which saves sorting them
+    """
     n = len(positions)
     order = np.empty(0, np.int32) if in_order or n == 0 else kd_order(positions)
     count = -(-n // LANES)
@@ -116,7 +135,7 @@ def make_blocks(positions: Floats, scale: float, in_order: bool) -> Blocks:
 
 
 def make_boxes(points: Blocks) -> Boxes:
-    """Return the tree of bounding boxes, up to a single root."""
+    """Build the tree of bounding boxes over blocks of 16 points, up to a single root."""
     counts = [-(-len(points.numbers) // LANES**2)]
     while counts[-1] > 1:
         counts.append(-(-counts[-1] // LANES))

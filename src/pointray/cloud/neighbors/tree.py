@@ -23,7 +23,8 @@ ROWS = 1 << 16  # rows per chunk
 class Near(NamedTuple):
     """Neighbours of m queries, nearest first.
 
-    distances : (m, k) float32; indices : (m, k) int32, rows of the positions
+    distances : (m, k) float32
+    indices : (m, k) int32, rows of the searched positions
     """
 
     distances: Floats
@@ -66,6 +67,7 @@ class NeighborTree:
         -------
         distances : (m, min(k, n)) float32
         indices : (m, min(k, n)) int32
+            Rows of the tree's n positions, nearest first.
         """
         queried = self._points if queries is None else make_blocks(queries, self._scale, False)
         k = min(k, self._points.size)
@@ -73,16 +75,19 @@ class NeighborTree:
         return Near(distances, self._search(queried, (0, queried.size), distances, k, progress))
 
     def rows(self, k: int, part: slice | None = None, progress: Progress | None = None) -> Indices:
-        """Find the rows of the k nearest positions of each position, (n, min(k, n)) int32.
+        """Find the rows of the k nearest of the n positions to each position, (n, min(k, n)) int32, nearest first.
 
-        part : a range of the positions, which must be in kd order; it begins at a multiple of 16
+        part : only this range of the positions, which must be in kd order; it begins at a multiple of 16
         """
         span = (0, self._points.size) if part is None else (part.start, min(part.stop, self._points.size))
         k = min(k, self._points.size)
         return self._search(self._points, span, np.empty((0, k), np.float32), k, progress)
 
     def rows_at(self, k: int, queries: Floats) -> Indices:
-        """Find the rows of the k nearest positions of each query, (m, min(k, n)) int32."""
+        """Find the rows of the k nearest of the n positions to each query, (m, min(k, n)) int32, nearest first.
+
+        queries : (m, 3) float32
+        """
         queried, k = make_blocks(queries, self._scale, False), min(k, self._points.size)
         return self._search(queried, (0, queried.size), np.empty((0, k), np.float32), k, None)
 
@@ -101,16 +106,22 @@ class NeighborTree:
 
 
 def neighbors(positions: Floats, k: int, queries: Floats | None = None, progress: Progress | None = None) -> Near:
-    """Find the k nearest positions of each query; see `NeighborTree.query`."""
+    """Find the k nearest positions of each query: distances and row numbers, (m, min(k, n)) each, nearest first.
+
+    positions : (n, 3) float32, finite
+    queries : (m, 3) float32; None: the positions, each of which is its own first neighbour unless it has duplicates
+    """
     tree = NeighborTree(positions)
     report_progress(progress, TREE)
     return tree.query(k, queries, part_of(progress, TREE, 1.0))
 
 
 def neighbor_chunks(positions: Floats, k: int, progress: Progress | None = None) -> Iterator[tuple[slice, Indices]]:
-    """Yield the rows of the k nearest positions chunk by chunk: (rows, (m, min(k, n)) int32), nearest first.
+    """Yield the rows of the k nearest positions chunk by chunk, for tables too large for memory.
 
-    For tables too large for memory. The positions must be in the order of `kd_order`.
+    Each item is a range of the n positions and the (m, min(k, n)) int32 rows of their neighbours, nearest first.
+
+    positions : (n, 3) float32 in the order of `kd_order`
     """
     tree = NeighborTree(positions, in_order=True)
     for start in range(0, len(positions), ROWS):

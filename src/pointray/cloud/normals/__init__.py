@@ -8,10 +8,11 @@ agreement : confidence that two normals face the same side
 pieces : points joined within tiles; votes : evidence between pieces; joins : groups of pieces
 outward : which side is outside, and whether all normals point inward
 layers : signs in noisy and layered clouds
-sheets : signs where two sheets of a surface are close together
+sheets : signs where two sheets of a surface are close together; winding : winding numbers, by which these are decided
 stations, visibility : signs from scanner positions
 consistency : do the signs of given normals agree; comparison : do given normals match the surface
 validation : which normals of a file are used
+units : normalisation of vectors
 
 Begin with estimate.
 """

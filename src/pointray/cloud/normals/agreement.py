@@ -25,7 +25,14 @@ def _dot(a: Reals, b: Reals) -> Real:
 
 @inline
 def agreement_of(e: Reals, n: Reals, m: Reals) -> Real:
-    """Return the signed confidence, -1 to 1, that two normals a vector e apart face the same side; also for lanes."""
+    """Return the signed confidence, -1 to 1, that two unit normals face the same side of a surface.
+
+    It is large if one normal is the mirror image of the other in the plane between the points (Koenig and Gumhold
+    2009). It is small if `e` leaves the tangent planes, as it may then cross a thin sheet.
+
+    e : vector from the first point to the second
+    n, m : normals of the first and the second point; floats, or vectors of lanes
+    """
     square, a, b, nm = _dot(e, e), _dot(n, e), _dot(m, e), _dot(n, m)
     inverse = ONE / vmax(square, square * ZERO + TINY)
     steep = vsqrt(vmax(a * a, b * b) * inverse)
@@ -37,7 +44,10 @@ def agreement_of(e: Reals, n: Reals, m: Reals) -> Real:
 
 @inline
 def agreement(positions: Array, normals: Array, i: int, j: int) -> float:
-    """Return the signed confidence, -1 to 1, that the normals of points i and j face the same side."""
+    """Return the signed confidence, -1 to 1, that the normals of points i and j face the same side of a surface.
+
+    positions, normals : (n, 3)
+    """
     n, m = (normals[i, 0], normals[i, 1], normals[i, 2]), (normals[j, 0], normals[j, 1], normals[j, 2])
     e = positions[j, 0] - positions[i, 0], positions[j, 1] - positions[i, 1], positions[j, 2] - positions[i, 2]
     return agreement_of(e, n, m)

@@ -15,13 +15,15 @@ NARROWEST = 1e-15  # lower limit of a neighbourhood's radius, in the unit of the
 
 
 class Plane(NamedTuple):
-    """Result of `fit_plane` in each lane.
+    """Planes fitted to the neighbours of sixteen points, one in each lane.
 
-    normal, one, two : orthogonal unit vectors
-    mean : weighted mean of the places, in their unit
-    reach : distance of the farthest neighbour, in that unit
+    Lengths are in the unit of the memory that the neighbours were loaded into: the distance of the farthest one.
+
+    normal, one, two : orthogonal unit vectors; the last two lie in the plane
+    mean : weighted mean of the neighbours, as an offset from the point
+    reach : distance of the farthest neighbour that was used
     total : sum of the weights
-    slimness : second largest variance over the largest
+    slimness : second largest variance over the largest; small if the neighbours lie on a line
     """
 
     normal: Triple
@@ -35,9 +37,11 @@ class Plane(NamedTuple):
 
 @inline
 def fit_plane(k: int, memory: FitBatch16) -> Plane:
-    """Fit planes to the k nearest neighbours; weights fall with distance to 1/e at the rim and stay in the memory.
+    """Fit a plane to the k nearest neighbours of each of sixteen points, or to all if there are fewer.
 
-    A lane with fewer neighbours is fitted to all of them.
+    The weight falls with distance to 1/e at the farthest of them.
+
+    memory : holds the neighbours, receives the weights
     """
     last = load_place(memory.places, k - 1)
     reach = vmax(vsqrt(inner(last, last)), broadcast16(f32(NARROWEST)))
@@ -67,9 +71,11 @@ def fit_plane(k: int, memory: FitBatch16) -> Plane:
 
 @inline
 def principal_axes(a: Sextuple) -> tuple[Triple, Triple, Triple, F16]:
-    """Return the axis of least variance, the two others, and the second largest variance over the largest.
+    """Diagonalise a covariance matrix in each lane by Jacobi rotations.
 
-    a : xx xy xz yy yz zz, at most of order 1; diagonalised by Jacobi rotations
+    Returns three unit vectors, first the axis of least variance; and the second largest variance over the largest.
+
+    a : xx xy xz yy yz zz of the matrix, at most of order 1
     """
     xx, xy, xz, yy, yz, zz = a
     zero, one = zeros(), broadcast16(ONE)
@@ -97,7 +103,10 @@ def principal_axes(a: Sextuple) -> tuple[Triple, Triple, Triple, F16]:
 
 @inline
 def _rotation(a: F16, b: F16, off: F16) -> Triple:
-    """Return tangent, cosine and sine of the rotation that zeroes the off-diagonal element between a and b."""
+    """Return tangent, cosine and sine of the Jacobi rotation that zeroes an off-diagonal element of a symmetric matrix.
+
+    a, b : the diagonal elements in the same rows and columns; off : the off-diagonal element
+    """
     half = b - a
     t = 2.0 * off / (vabs(half) + vsqrt(half * half + 4.0 * off * off) + SMALLEST)
     t = select(half < ZERO, ZERO - t, t)

@@ -30,7 +30,7 @@ Floats = NDArray[np.float64]
 
 
 class NormalsCheck(NamedTuple):
-    """Result of `check_normals`.
+    """Result of `check_normals`: how far the normals of points deviate from their surface.
 
     Attributes
     ----------
@@ -84,7 +84,10 @@ def check_normals(points: Points) -> NormalsCheck:
 
 
 def compare_normals(points: Points, step: float) -> NormalsCheck:
-    """Check normals with a known rounding step: the coarsest step of the coordinates, see `find_rounding`, or 0."""
+    """Compare the normals of points with planes fitted to their neighbours, like `check_normals`.
+
+    step : coarsest step that coordinates were rounded to, or 0; planes that span few steps are not used
+    """
     if points.normals is None:
         return NormalsCheck(None, False)
     squares = np.einsum("ij,ij->i", points.normals, points.normals, dtype=np.float64)
@@ -101,8 +104,10 @@ def compare_normals(points: Points, step: float) -> NormalsCheck:
 def _median_angle(
     positions: NDArray[np.float32], normals: NDArray[np.float32], near: Neighborhoods, least: float
 ) -> float | None:
-    """Return the median angle in degrees between mean normals and reliable planes; None if too few are reliable.
+    """Return the median angle in degrees between normals and the planes fitted there; None if too few are reliable.
 
+    positions, normals : (n, 3)
+    near : neighbourhoods of a sample of these points; the normals of each are averaged
     least : radius that a plane's neighbours must reach
     """
     rows = near.rows
@@ -119,19 +124,21 @@ def _median_angle(
 
 
 def _compare(offsets: Floats, unit: Floats, least: float) -> tuple[Floats, Floats]:
-    """Return the angles between mean normals and planes, and the uncertainty of the planes' tilts, in degrees.
+    """Fit planes to neighbourhoods; return how far mean normals deviate from them, and how uncertain the planes are.
 
     Parameters
     ----------
     offsets, unit : (m, k, 3) float64
-        Offsets of the neighbours from the point, which comes first, and their normals.
+        Offsets of the neighbours from the point, which comes first, and their unit normals.
     least : float
+        Radius that the neighbours must reach.
 
     Returns
     -------
     angles : (m,) float64
+        Between the mean normal and the plane's, in degrees, 0 to 90.
     tilts : (m,) float64
-        One standard deviation; infinite where the points lie on a line or within the radius `least`.
+        Standard deviation of the plane's tilt, in degrees; infinite where the points lie on a line or within `least`.
     """
     squares = (offsets**2).sum(axis=2)
     weights = np.exp(-squares / squares[:, -1:])

@@ -17,9 +17,13 @@ RUNS, RUN = 64, 2048  # ranges of the kd order that represent a large cloud, and
 
 @kernel
 def _count_agreement(positions: Array, normals: Array, rows: Array, near: Array) -> int:
-    """Count edges whose normals face opposite sides, except edges across a wall.
+    """Count pairs of neighbours whose normals face opposite sides of a surface, though no wall lies between them.
 
-    From either side of a wall the other lies behind (of a slit: in front); with random signs both are equally frequent.
+    From either side of a wall the other lies behind (of a slit: in front). With random signs both are equally frequent;
+    such pairs count.
+
+    positions, normals : (n, 3)
+    rows, near : (m,) examined points, and (m, k) their neighbours
     """
     level = before = behind = 0
     for t in range(len(rows)):
@@ -39,7 +43,7 @@ def _count_agreement(positions: Array, normals: Array, rows: Array, near: Array)
 
 
 def sample_rows(count: int) -> NDArray[np.int64]:
-    """Return the places in a kd order of `count` points that represent all: ranges, or all places if there are few."""
+    """Return places in a kd order that represent all `count` points: evenly spaced ranges, or all if there are few."""
     if count <= RUNS * RUN:
         return np.arange(count)
     starts = np.linspace(0, count - RUN, RUNS).astype(np.int64)
@@ -47,9 +51,10 @@ def sample_rows(count: int) -> NDArray[np.int64]:
 
 
 def agreement_share(positions: Floats, normals: Floats, order: NDArray[np.int32] | None = None) -> float:
-    """Return the share of the three nearest neighbours that face the opposite side; sampled if there are many points.
+    """Return the share of pairs of neighbours, 0 to 1, whose normals face opposite sides, by a sample of the points.
 
-    order : of the positions, as of `kd_order`, if known
+    positions, normals : (n, 3)
+    order : rows of the positions in kd order, if known
     """
     order = kd_order(positions) if order is None else order
     order = order[sample_rows(len(order))]

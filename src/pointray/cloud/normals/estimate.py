@@ -100,9 +100,13 @@ def with_fits(
     progress: Progress | None = None,
     ordering: KdOrdering | None = None,
 ) -> tuple[Points, Floats | None]:
-    """Return the points with the results of a fit, and the noise removed at each row, (n,), or None.
+    """Fit normals, orient them consistently, and return the points with them; a fit may also move noisy points.
 
-    Normals are oriented as by `estimate_normals`. ordering : of the points, if known
+    Returns the points, and the noise removed at each row, (n,), or None if none was moved.
+
+    fit : function with the parameters of `fit_normals` that returns normals, and perhaps other positions
+    viewpoint : (3,) or (n, 3) position of the scanner, which normals face; None: the stations of the georeference
+    ordering : kd ordering of the points, if known
     """
     eyes = _stations_of(points) if viewpoint is None else stations.check_eyes(viewpoint, len(points))
     ordering = ordering or compute_kd_ordering(points)
@@ -140,14 +144,21 @@ def with_fits(
 
 
 def _stations_of(points: Points) -> NDArray[np.float64] | None:
-    """Return the stations that saw the points, see `eyes_of`; warn of those that are ignored."""
+    """Return the scanner position that saw each point, world, (n, 3) or (3,); None if unknown; warn of wrong positions.
+
+    A position is ignored if its points cannot have been seen from it. Rows without a position are NaN.
+    """
     ignored = ignored_stations(points)
     stations.warn_of_ignored(ignored, len(points.georeference.stations))
     return stations.eyes_of(points, ignored)
 
 
 def seen_from(points: Points, eyes: NDArray[np.float64], rows: NDArray[np.int32]) -> Floats:
-    """Return the viewpoints of some rows, (m, 3), relative to the origin."""
+    """Return the scanner positions of some rows of points, (m, 3) float32, relative to the points' origin.
+
+    eyes : (3,) or (n, 3) world position of the scanner that saw each point, NaN where unknown
+    rows : (m,)
+    """
     chosen = eyes if eyes.ndim == 1 else eyes[rows]
     return np.broadcast_to((chosen - points.origin).astype(np.float32), (len(rows), 3))
 
@@ -162,7 +173,7 @@ def repair_normals(
     points : Points
     progress : callable, optional
     ordering : KdOrdering, optional
-        The ordering of the points, if known.
+        The kd ordering of the points, if known.
 
     Returns
     -------
@@ -202,7 +213,7 @@ def repair_normals(
 
 
 class RepairedNormals(NamedTuple):
-    """Unit normals, and what was repaired.
+    """Unit normals of points, with what was repaired.
 
     unit : (n, 3) float32; 0 for rows that are not finite
     sound : (n,) bool, whether the row is finite and had a valid normal
@@ -216,9 +227,9 @@ class RepairedNormals(NamedTuple):
 
 
 def normalize_normals(points: Points, counted: NDArray[np.int64] | None = None) -> RepairedNormals | None:
-    """Return the normals at unit length, missing ones replaced by the mean of the nearest; None if none is valid.
+    """Return the normals of points at unit length, missing ones interpolated from the nearest; None if none is valid.
 
-    counted : rows that the counts refer to. None: all
+    counted : rows among which missing normals, and those not of unit length, are counted. None: all
     """
     assert points.normals is not None
     finite = points.finite
@@ -239,7 +250,10 @@ def normalize_normals(points: Points, counted: NDArray[np.int64] | None = None) 
 
 
 def describe_repairs(lost: int, odd: int, total: int) -> list[str]:
-    """Return messages on the repairs of `total` normals."""
+    """Return messages on the repairs of `total` normals.
+
+    lost, odd : number of normals that were missing, and that were not of unit length
+    """
     messages = []
     if lost:
         messages.append(f"{lost:,} of {total:,} normals are zero or not finite: interpolated from neighbours")
@@ -249,7 +263,7 @@ def describe_repairs(lost: int, odd: int, total: int) -> list[str]:
 
 
 def _odd_lengths(length: NDArray[np.float64]) -> int:
-    """Return how many lengths differ from 1 by more than UNIT; 0 if all are scaled alike."""
+    """Return how many lengths of normals differ from 1 by more than 1%; 0 if all are equal, as in a scaled model."""
     if not len(length) or length.max() - length.min() <= UNIT * length.min():  # the usual case
         return 0
     typical = np.median(length)
@@ -259,7 +273,13 @@ def _odd_lengths(length: NDArray[np.float64]) -> int:
 
 
 def _reorient(points: Points, unit: Floats, eyes: NDArray[np.float64] | None, ordering: KdOrdering | None) -> Floats:
-    """Return the same directions with recomputed signs; equal positions face the same side, or their stations."""
+    """Return normals with the same directions and recomputed signs, (n, 3).
+
+    unit : (n, 3) unit normals
+    eyes : (3,) or (n, 3) world position of the scanner that saw each point, NaN where unknown; None: signs follow from
+        neighbours, and rows with equal positions get the same side
+    ordering : kd ordering of the points, if known
+    """
     if eyes is not None and np.isfinite(eyes).all():
         out = unit.copy()
         out[~stations.faced(points.positions, unit, np.broadcast_to(eyes - points.origin, unit.shape))] *= -1

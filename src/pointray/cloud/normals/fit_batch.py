@@ -24,22 +24,23 @@ Sextuple: TypeAlias = tuple[F16, F16, F16, F16, F16, F16]
 
 
 class FitBatch16(NamedTuple):
-    """One thread's memory for fits to at most `most` neighbours of each of sixteen points; all flat float32.
+    """One thread's memory for fits to the neighbours of sixteen points, one point in each lane; flat float32 arrays.
 
     Attributes
     ----------
-    places : (most * ROW,)
-        x, then y, then z of the nearest neighbour in all lanes, then of the next one: offsets, the farthest at
-        distance 1. A lane with fewer neighbours repeats its last one.
-    local : (most * ROW,)
-        Two coordinates in the plane of a fit, and the height above it; the farthest fitted neighbour at distance 1.
-    weights, residuals : (most * LANES,)
-        Weights by distance alone, and residuals of the first round.
-    counts : (LANES,)
+    places : (most * 48,)
+        x, then y, then z of the nearest neighbour in all lanes, then of the next one: offsets from the point, scaled so
+        that the farthest neighbour is at distance 1. A lane with fewer neighbours repeats its last one.
+    local : (most * 48,)
+        The same in the axes of a fitted plane: two coordinates in it, and the height above it; the farthest fitted
+        neighbour is at distance 1.
+    weights, residuals : (most * 16,)
+        Weight of each neighbour by distance alone, and its residual from the first of two fits.
+    counts : (16,)
         Number of neighbours.
-    units : (LANES,)
-        Distance of the farthest neighbour.
-    results : (RESULTS * LANES,)
+    units : (16,)
+        Distance of the farthest neighbour: the unit of the scaled offsets.
+    results : (10 * 16,)
         Results of a fit, see `jet`.
     """
 
@@ -54,7 +55,7 @@ class FitBatch16(NamedTuple):
 
 @inline
 def new_fit_batch(most: int) -> FitBatch16:
-    """Return memory for fits to at most `most` neighbours."""
+    """Return memory for fits to at most `most` neighbours of each of sixteen points."""
     return FitBatch16(
         np.zeros(most * ROW, np.float32),
         np.zeros(most * ROW, np.float32),
@@ -68,7 +69,11 @@ def new_fit_batch(most: int) -> FitBatch16:
 
 @inline
 def load_point(positions: Array, row: int, near: Array, i: int, farthest: int, lane: int, memory: FitBatch16) -> None:
-    """Load the neighbours near[i] of positions[row] into a lane; the one at `farthest` gets distance 1."""
+    """Load the neighbours of the point positions[row] into a lane: offsets from it, scaled by a neighbour's distance.
+
+    near : (m, k) rows of neighbours, nearest first; near[i] are those of the point
+    farthest : index in near[i] of the neighbour that gets distance 1
+    """
     x, y, z = positions[row, 0], positions[row, 1], positions[row, 2]
     far = near[i, farthest]
     dx, dy, dz = f64(positions[far, 0]) - x, f64(positions[far, 1]) - y, f64(positions[far, 2]) - z
@@ -84,13 +89,16 @@ def load_point(positions: Array, row: int, near: Array, i: int, farthest: int, l
 
 @inline
 def load_place(places: Array, j: int) -> Triple:
-    """Return x, y and z of neighbour j in all lanes."""
+    """Return x, y and z of the j-th neighbour in all sixteen lanes: scaled offsets from its point, see `FitBatch16`."""
     return load16(places, ROW * j), load16(places, ROW * j + LANES), load16(places, ROW * j + 2 * LANES)
 
 
 @inline
 def distance_weight(square: F16) -> F16:
-    """Return exp(-square) within 5e-7 for squares from 0 to 1; still decreasing slightly beyond 1."""
+    """Return weights of neighbours by squared distance, exp(-square), within 5e-7 for squares from 0 to 1.
+
+    They still decrease slightly beyond 1.
+    """
     y = 0.03833892 - 0.00509973 * square
     y = y * square - 0.16501272
     y = y * square + 0.49962087
@@ -105,5 +113,5 @@ def zeros() -> F16:
 
 @inline
 def inner(a: Triple, b: Triple) -> F16:
-    """Return the scalar product."""
+    """Return the scalar products of the vectors in sixteen lanes."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

@@ -38,10 +38,16 @@ NORMAL, AXIS, RESIDUAL, SLOPE, HEIGHT, SPREAD = 0, 3, 6, 7, 8, 9
 
 @routine
 def jet(k: int, slim: float, memory: FitBatch16) -> None:
-    """Fit the k nearest neighbours of each lane. Results are in the unit of the places.
+    """Fit a quadric to the k nearest neighbours of each of sixteen points; write the results to the memory.
 
-    Where the neighbours lie on a line (`slim`), or are fewer than `JET_LEAST`, the normal is the plane's, the residual
-    0 and the variance of the slope `SLIM_VARIANCE`.
+    Rows of 16 floats: the quadric's normal at the point, the normal of the plane it is fitted over, RMS residual,
+    variance of the slope for unit noise, height of the quadric at the point along the plane's normal, variance of that
+    height for unit noise. Lengths are relative to the distance of the farthest loaded neighbour.
+
+    Where there are fewer than 8 neighbours, or these lie on a line, the normal is the plane's, the residual 0 and the
+    variance of the slope 1e30.
+
+    slim : ratio of the two largest variances of the neighbours below which they lie on a line
     """
     plane = fit_plane(k, memory)
     store_triple(memory, AXIS, plane.normal)
@@ -77,14 +83,20 @@ def store_triple(memory: FitBatch16, at: int, v: Triple) -> None:
 
 @inline
 def take_triple(mask: Mask, a: Array, at_a: int, b: Array, at_b: int, out: Array, at: int) -> None:
-    """Write three rows of a where the mask is set, of b elsewhere."""
+    """Write three rows of 16 floats: those of `a` in lanes where the mask is set, those of `b` elsewhere.
+
+    at_a, at_b, at : first row in `a`, in `b` and in `out`
+    """
     for c in range(3):
         store(out, LANES * (at + c), select(mask, load16(a, LANES * (at_a + c)), load16(b, LANES * (at_b + c))))
 
 
 @inline
 def _lay_down(k: int, plane: Plane, memory: FitBatch16) -> Moments:
-    """Write the places in the plane's axes, in radii; return their moments."""
+    """Write the k nearest neighbours in the axes of a plane to the memory; return the sums over them for a quadric.
+
+    Two coordinates in the plane, and the height above it, scaled so that the farthest one is at distance 1.
+    """
     scale = ONE / plane.reach
     u, v, n = plane.one, plane.two, plane.normal
     u = (u[0] * scale, u[1] * scale, u[2] * scale)
@@ -110,7 +122,10 @@ def _right(m: Moments) -> Sextuple:
 
 @inline
 def _first_residuals(k: int, x: Sextuple, memory: FitBatch16) -> F16:
-    """Write the residuals; return the weighted sum of their squares."""
+    """Write the residuals of the k nearest neighbours from a quadric; return the weighted sum of their squares.
+
+    x : coefficients of the quadric, 1 p q pp pq qq
+    """
     total = zeros()
     for j in range(k):
         p, q, h = load_place(memory.local, j)
@@ -122,7 +137,9 @@ def _first_residuals(k: int, x: Sextuple, memory: FitBatch16) -> F16:
 
 @inline
 def _second_round(k: int, inverse: F16, memory: FitBatch16) -> tuple[Moments, F16, F16]:
-    """Return the moments of the robustly weighted residuals, and the sums of squared weights and squared residuals.
+    """Weight the k nearest neighbours by their residuals from a first quadric, those far off less, for a second fit.
+
+    Returns the sums for a fit to the residuals, the sum of squared weights, and that of weighted squared residuals.
 
     inverse : reciprocal square of the residual that gets a quarter of the weight
     """
@@ -139,7 +156,14 @@ def _second_round(k: int, inverse: F16, memory: FitBatch16) -> tuple[Moments, F1
 
 @inline
 def _corrected(f: Factor, m: Moments, x: Sextuple, left: F16) -> tuple[Sextuple, F16]:
-    """Return coefficients corrected by a fit to the residuals of x, and the remaining sum of squared residuals."""
+    """Correct the coefficients of a quadric by a fit to its residuals.
+
+    Returns the coefficients, and the sum of squared residuals that remains.
+
+    f, m : factored normal matrix, and sums over the residuals
+    x : coefficients before, 1 p q pp pq qq
+    left : sum of squared residuals before
+    """
     b, ridge = _right(m), RIDGE * m.m00
     d = solve(f, (b[0], b[1], b[2], b[3] - ridge * x[3], b[4] - ridge * x[4], b[5] - ridge * x[5]))
     x = (x[0] + d[0], x[1] + d[1], x[2] + d[2], x[3] + d[3], x[4] + d[4], x[5] + d[5])

@@ -41,9 +41,14 @@ GRAZING = 0.2  # cosine to the eye below which the plane through the neighbours 
 
 @routine
 def _choose(sizes: Array, noise: float, spacing: float, memory: FitBatch16, found: Array) -> None:
-    """Find the normal of the size with the least error, the normal of a plane, and the residual of the smallest size.
+    """Fit quadrics to several numbers of neighbours of sixteen points; keep the one with the least estimated error.
 
-    noise : in spacings; spacing : in the unit of the places
+    sizes : numbers of neighbours, ascending
+    noise : standard deviation of the points from the surface, in spacings
+    spacing : point spacing, relative to the distance of the farthest neighbour
+    memory : neighbours of the sixteen points
+    found : (7 * 16,) receives the best quadric's normal; the normal of a plane through 16 neighbours, or more if these
+        lie on a line; the residual of the smallest fit, in spacings, NaN if its points lie on a line
     """
     least, settled = broadcast16(INF), zeros() > ONE
     for s in range(len(sizes)):
@@ -69,9 +74,16 @@ def _choose(sizes: Array, noise: float, spacing: float, memory: FitBatch16, foun
 def _fit(
     work: Array, positions: Array, rows: Array, near: Array, sizes: Array, noise: float, out: Array, residuals: Array
 ) -> int:
-    """Write to out[i] the normal at positions[rows[i]] of the size with the least error, and the normal of a plane.
+    """Fit quadrics of several sizes to the neighbours of each row; write the normal of the best one.
 
-    Residuals are those of the smallest size. The plane is fitted to 16 points, or to more if these lie on a line.
+    work : gives each thread its next tile, 1024 rows
+    positions, rows : (n, 3) points, and (m,) the rows to fit
+    near : (m, k) nearest neighbours of these rows, themselves first
+    sizes : numbers of neighbours to try, ascending
+    noise : standard deviation of the points from the surface, in spacings
+    out : (m, 6) receives the quadric's normal, and the normal of a plane through 16 neighbours, or more if these lie on
+        a line
+    residuals : (m,) receives the residuals of the smallest fits, in spacings; NaN for points on a line
     """
     positions, rows, near, out = borrow(positions), borrow(rows), borrow(near), borrow(out)
     memory = new_fit_batch(sizes[-1])
@@ -101,16 +113,23 @@ def _fit_rows(
 
 
 def fit_residuals(positions: Floats, rows: NDArray[np.int64], near: NDArray[np.int32], k: int) -> NDArray[np.float64]:
-    """Return the RMS residuals of fits to k neighbours, (m,), in the points' unit; NaN for points on a line."""
+    """Return RMS residuals of quadrics fitted to k neighbours, (m,), in the points' unit; NaN for points on a line.
+
+    positions, rows : (n, 3) points, and (m,) the rows to fit
+    near : (m, q) their nearest neighbours, themselves first, at least k
+    """
     spacing = np.linalg.norm(positions[near[:, -1]].astype(np.float64) - positions[rows], axis=1)
     _, residuals = _fit_rows(positions, rows, near, [k], 0.0)
     return np.asarray(residuals * spacing / math.sqrt(near.shape[1]), np.float64)
 
 
 def measure_noise(positions: Floats, statistics: CloudStatistics | None = None) -> tuple[float, int]:
-    """Return the noise, and the largest size to choose from: with distant scan lines, few points form a line.
+    """Estimate the noise of a cloud; return it, and the largest number of neighbours that its normals are fitted to.
 
-    Noise is the standard deviation from the surface, in spacings (distance to the k-th neighbour over the root of k).
+    The noise is the standard deviation of the points from the surface, in spacings (the distance of the k-th neighbour
+    over the root of k). Where scan lines are far apart, the nearest neighbours lie on a line, and more are needed.
+
+    positions : (n, 3) in kd order
     statistics : of the cloud that the points are a part of. None: they are the whole cloud
     """
     statistics = statistics or CloudStatistics.of(len(positions))
@@ -123,7 +142,10 @@ def measure_noise(positions: Floats, statistics: CloudStatistics | None = None) 
 
 
 def _measure_noise(positions: Floats, rows: NDArray[np.int64]) -> tuple[float, int]:
-    """Measure noise and size, see `measure_noise`, at some rows."""
+    """Estimate the noise, in spacings, by quadrics at some rows; return it, and how many neighbours fits need at most.
+
+    positions : (n, 3) in kd order
+    """
     near = NeighborTree(positions, in_order=True).query(NOISE_SIZES[-1], positions[rows]).indices
     noise, size = 0.0, 0
     for size in NOISE_SIZES:
@@ -136,19 +158,20 @@ def _measure_noise(positions: Floats, rows: NDArray[np.int64]) -> tuple[float, i
 
 
 class Fits(NamedTuple):
-    """Results of fits to the neighbours of distinct points in kd order.
+    """Normals fitted to the neighbours of distinct points in kd order, with what later steps need.
 
     Attributes
     ----------
     positions : (n, 3) float32
+        As given, or moved onto the surface where they were noisy.
     normals : (n, 3) float32
         Unit length.
     near : (n, k) int32
-        The nearest neighbours along which signs propagate, the point itself first.
+        The nearest neighbours, by which signs are made consistent; the point itself first.
     residuals : (n,) float32
-        Residuals of the smallest fits, in spacings; NaN for fits to points on a line.
+        Residuals of the fits to the fewest neighbours, in spacings; NaN where these lie on a line.
     noise : (n,) float32 or None
-        Noise that was removed, if the points were moved.
+        Standard deviation of the noise that was removed, if the points were moved.
     """
 
     positions: Floats
@@ -159,20 +182,26 @@ class Fits(NamedTuple):
 
 
 class Planes(Protocol):
-    """Receiver of neighbourhoods for additional fits, see `layers`."""
+    """Receiver of each point's neighbours, which are searched once for all fits; `Layers` fits planes to them."""
 
     def needed(self, noise: float) -> int:
-        """Return how many neighbours it needs at this noise in spacings; 0: none."""
+        """Return how many neighbours of each point the receiver needs; 0: none.
+
+        noise : standard deviation of the points from the surface, in spacings
+        """
 
     def add_neighbors(self, part: slice, found: NDArray[np.int32]) -> None:
-        """Add the neighbours of some points."""
+        """Receive the neighbours of some points: `found`, (m, k) rows, of the m points in the range `part`."""
 
 
 def faces(normals: Floats, planes: Floats, to_eye: Floats) -> NDArray[np.bool_]:
-    """Return which normals face the eye; where that is unclear, the side of the plane decides.
+    """Return which normals, (m,) bool, face the scanner; where they graze the view, planes through neighbours decide.
 
     With planes alone 3.0% of the normals of a layered wall faced away from its scanner, now 0.3%. Without planes 0.16%
     of the normals of noisy pipes (0.5 spacings) were flipped, now 0.02%.
+
+    normals, planes : (m, 3) unit normals of quadrics, and of planes through the same neighbours
+    to_eye : (m, 3) vectors to the scanner
     """
     view, plane_view = np.einsum("ij,ij->i", normals, to_eye), np.einsum("ij,ij->i", planes, to_eye)
     distance = np.sqrt(np.einsum("ij,ij->i", to_eye, to_eye))
@@ -190,7 +219,7 @@ def fit_normals(
     neighbors: int | None = None,
     statistics: CloudStatistics | None = None,
 ) -> Fits:
-    """Fit quadrics to the nearest neighbours, for unit normals.
+    """Fit quadrics to the nearest neighbours of points, for unit normals.
 
     Parameters
     ----------
@@ -199,15 +228,16 @@ def fit_normals(
     kept : int
         Number of neighbours to return, including the point itself, which comes first.
     eye : (3,) or (n, 3) float32, optional
-        Normals are turned towards it. Where both the normal and the plane through the neighbours graze the view, the
-        plane, which tilts less, is turned, and the normal follows. None, or NaN for a point: arbitrary sign.
+        Position of the scanner, which normals face. Where both the normal and the plane through the neighbours graze
+        the view, the plane, which tilts less, is turned, and the normal follows. None, or NaN for a point: arbitrary
+        sign.
     progress : callable, optional
     planes : Planes, optional
         Also receives the neighbours, as many as it needs.
     neighbors : int, optional
-        Number of neighbours a quadric is fitted to. None: the best of `SIZES` for each point.
+        Number of neighbours a quadric is fitted to. None: the best of 10, 16, 32 and 64 for each point.
     statistics : CloudStatistics, optional
-        See `measure_noise`.
+        Of the cloud that the points are a part of, for its noise. None: they are the whole cloud.
     """
     n = len(positions)
     noise, most = measure_noise(positions, statistics) if neighbors is None else (0.0, 0)

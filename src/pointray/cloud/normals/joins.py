@@ -23,17 +23,24 @@ UNITED = 0.8  # clarity of a vote: its unopposed share to this power, times its 
 
 
 class VoteTables(Protocol):
-    """Votes of all pairs of pieces, in tables."""
+    """Votes between pieces (sets of points whose normals agree), in tables that are read one at a time.
+
+    A vote says how clearly the normals of two pieces face the same side, or opposite sides.
+    """
 
     def __iter__(self) -> Iterator[Votes]:
-        """Yield tables in the order of their pairs; each pair occurs once."""
+        """Yield the tables of votes in the order of their pairs of pieces (sets of points); each pair occurs once."""
 
     def changed(self, change: Callable[[Votes], Votes], pieces: int) -> VoteTables:
-        """Return all tables transformed; votes of equal pairs are added up. pieces : number of pieces afterwards"""
+        """Return the votes after `change` is applied to each table, with the votes of equal pairs added up.
+
+        change : replaces pieces (sets of points whose normals agree) by larger ones they were joined to
+        pieces : number of pieces afterwards
+        """
 
 
 class InMemoryVotes:
-    """Votes in memory, in one table.
+    """Votes between pieces (sets of points whose normals agree) of a cloud in memory, in one table.
 
     Parameters
     ----------
@@ -53,9 +60,13 @@ class InMemoryVotes:
 
 @kernel
 def _choose(pairs: Array, sums: Array, clear: Array, best: Array, partner: Array) -> int:
-    """Find each piece's neighbour with the clearest vote, the first of equal ones; may be called for several tables.
+    """Find the neighbour of each piece with which it agrees, or disagrees, most clearly; called for each table.
 
-    best : (p,) clarity of the best vote so far; -1: none
+    A piece is a set of points whose normals agree. The first of equally clear neighbours counts.
+
+    pairs : (e,) 2^32 times the lower piece, plus the other one
+    sums, clear : (e,) signed votes, positive where the two agree, and their clarity
+    best : (p,) clarity of the clearest vote so far; -1: none
     partner : (p,) the neighbour, or -1 minus it if the two disagree
     """
     for t in range(len(pairs)):
@@ -69,7 +80,11 @@ def _choose(pairs: Array, sums: Array, clear: Array, best: Array, partner: Array
 
 @kernel
 def _join(partner: Array, parent: Array, sign: Array) -> int:
-    """Join each piece with its partner, if it has one."""
+    """Join each piece (points whose normals agree) with its chosen neighbour in a forest of groups (union-find).
+
+    partner : (p,) the neighbour, -1 minus it if the two face opposite sides, or the piece itself if it has none
+    parent, sign : (p,) the forest: each piece's parent, and 1 or -1, whether it faces the same side as that
+    """
     for p in range(len(partner)):
         if partner[p] == p:
             continue
@@ -84,9 +99,13 @@ def _join(partner: Array, parent: Array, sign: Array) -> int:
 
 @kernel
 def _number(parent: Array, sign: Array, number: Array) -> int:
-    """Number the groups by the order of their roots and write each piece's group; return the number of groups.
+    """Number the groups of joined pieces (sets of points whose normals agree); return the number of groups.
 
-    sign : relative to the parent, then to the root. Paths are halved on the way, which avoids quadratic time.
+    They are numbered in the order of their roots. Paths are halved on the way, which avoids quadratic time.
+
+    parent : (p,) each piece's parent in its group
+    sign : (p,) 1 or -1, whether a piece faces the same side as its parent; afterwards, as the root
+    number : (p,) receives the group of each piece
     """
     count = 0
     for i in range(len(parent)):
@@ -102,7 +121,14 @@ def _number(parent: Array, sign: Array, number: Array) -> int:
 
 
 def _joined(pieces: int, tables: VoteTables) -> tuple[NDArray[np.int64], NDArray[np.int8], int]:
-    """Join pieces for one round; return the group of each piece, its sign in it, and the number of groups."""
+    """Join each piece (points whose normals agree) with the neighbour of the clearest vote, once.
+
+    Returns the group of each piece, (pieces,); 1 or -1, by which its normals are multiplied to agree within the group,
+    (pieces,); the number of groups.
+
+    pieces : number of pieces
+    tables : votes between them
+    """
     best, partner = np.full(pieces, -1.0), np.arange(pieces, dtype=np.int32)
     for votes in tables:
         clear = np.abs(votes.sums) / np.maximum(votes.masses, 1) ** UNITED
@@ -116,21 +142,21 @@ def _joined(pieces: int, tables: VoteTables) -> tuple[NDArray[np.int64], NDArray
 
 
 def join(pieces: int, tables: VoteTables) -> tuple[NDArray[np.int32], NDArray[np.int8]]:
-    """Find the connected groups of pieces.
+    """Join pieces (sets of points whose normals agree) to groups, round by round, along the clearest votes.
 
     Parameters
     ----------
     pieces : int
         Number of pieces.
-    tables : Tables
-        Votes of all parts of the cloud.
+    tables : VoteTables
+        Votes between them, of all parts of the cloud.
 
     Returns
     -------
     group : (pieces,) int32
-        Group numbers, from 0.
+        Group of each piece, numbered from 0; pieces that no votes connect are in different groups.
     turn : (pieces,) int8
-        1 or -1: sign of each piece in its group.
+        1 or -1, by which the normals of each piece are multiplied to agree within the group.
     """
     number, turn, size = _joined(pieces, tables)
     group, sign, before = number.astype(np.int32), turn, pieces

@@ -28,7 +28,13 @@ CHUNK = 1024
 
 @kernel
 def _lay(work: Array, positions: Array, rows: Array, near: Array, planes: Array, moved: Array) -> int:
-    """Write the normal of the plane through the neighbours of positions[rows[i]], and the point moved onto it."""
+    """Fit a plane to the neighbours of each row; write its normal, and the point moved onto it.
+
+    work : gives each thread its next tile, 1024 rows
+    positions, rows : (n, 3) points, and (m,) the rows to fit
+    near : (m, k) nearest neighbours of these rows
+    planes, moved : (n, 3) receive the normals, and the moved points, at these rows
+    """
     positions, rows, near = borrow(positions), borrow(rows), borrow(near)
     planes, moved = borrow(planes), borrow(moved)
     memory = new_fit_batch(near.shape[1])
@@ -53,7 +59,13 @@ def _lay(work: Array, positions: Array, rows: Array, near: Array, planes: Array,
 
 @kernel
 def _sides(work: Array, normals: Array, planes: Array, near: Array, signs: Array) -> int:
-    """Write 1 or -1: the sign with which each normal faces the side of the planes around it."""
+    """Write the sign, 1 or -1, with which each normal faces the same side as the planes around it.
+
+    work : gives each thread its next tile, 1024 rows
+    normals, planes : (m, 3) normals, and (n, 3) unit normals of the planes
+    near : (m, k) rows of the planes around each normal
+    signs : (m,) int8
+    """
     normals, planes, near, signs = borrow(normals), borrow(planes), borrow(near), borrow(signs)
     tile = next_tile(work)
     while tile >= 0:
@@ -68,24 +80,31 @@ def _sides(work: Array, normals: Array, planes: Array, near: Array, signs: Array
 
 
 class Layers:
-    """Planes through the neighbours of points in kd order, filled by `fit_normals` if the points are noisy.
+    """Planes through the neighbours of points in kd order, which show the side of noisy normals.
+
+    Points moved onto planes through 64 neighbours form a single layer, whose normals agree more reliably with those of
+    neighbours. `fit_normals` fills it.
 
     Attributes
     ----------
     noisy : bool
-        Whether the other attributes exist.
+        Whether the points are so noisy that planes are fitted; otherwise the other attributes do not exist.
     planes : (n, 3) float32, unit
+        Normals of the planes.
     moved : (n, 3) float32
         Points moved onto their planes.
-    near : (n, min(KEPT, n)) int32
-        Neighbours along which signs propagate.
+    near : (n, min(33, n)) int32
+        Neighbours of each point, itself first, with whose planes its own is made consistent.
     """
 
     def __init__(self, positions: Floats) -> None:
         self._positions, self.noisy = positions, False
 
     def needed(self, noise: float) -> int:
-        """Return how many neighbours of each point are needed at this noise in spacings; 0: none."""
+        """Return how many neighbours of each point are needed: 64 if planes are fitted, 0 if the noise is too small.
+
+        noise : standard deviation of the points from the surface, in spacings
+        """
         if noise < NOISY:
             return 0
         n, self.noisy = len(self._positions), True
@@ -94,20 +113,20 @@ class Layers:
         return SIZE
 
     def add_neighbors(self, part: slice, found: NDArray[np.int32]) -> None:
-        """Fit the planes of some points to their neighbours."""
+        """Fit planes to the neighbours of some points: `found`, (m, k) rows, of the m points in the range `part`."""
         rows, table = np.arange(part.start, part.start + len(found)), np.ascontiguousarray(found[:, :SIZE])
         run(_lay, -(-len(rows) // CHUNK), self._positions, rows, table, self.planes, self.moved)
         self.near[part] = found[:, : self.near.shape[1]]
 
 
 def signs_facing(normals: Floats, planes: Floats, near: NDArray[np.int32]) -> NDArray[np.int8]:
-    """Return the signs, (m,), with which normals face the sides of the planes around them.
+    """Return the signs, (m,) of 1 or -1, with which normals face the same side as the oriented planes around them.
 
     Parameters
     ----------
     normals : (m, 3) float32
     planes : (n, 3) float32
-        Oriented.
+        Normals of the planes, oriented.
     near : (m, k) int32
         Rows of the planes around each normal, its own first.
     """

@@ -19,7 +19,11 @@ Half: TypeAlias = Sextuple  # a unit lower triangular 3 x 3 matrix, l10 l20 l21,
 
 
 class Moments(NamedTuple):
-    """Weighted sums: m21 of p p q; h21 of the height times p p q."""
+    """Weighted sums over the neighbours of sixteen points, by which quadrics are fitted, one point in each lane.
+
+    mij is the sum of w p^i q^j, where p and q are coordinates in a plane and w is the weight; hij is that of w h p^i
+    q^j, where h is the height above the plane.
+    """
 
     m00: F16
     m10: F16
@@ -45,7 +49,11 @@ class Moments(NamedTuple):
 
 
 class Factor(NamedTuple):
-    """Normal matrix as L D L': upper left half, rows of the lower left quarter, lower right half."""
+    """Factor L D L' of the 6 x 6 normal matrix of a quadric 1, p, q, pp, pq, qq, in sixteen lanes.
+
+    top, low : L and D of the upper left and lower right 3 x 3 quarters: l10, l20, l21 and the inverse of D
+    across : rows of the lower left quarter
+    """
 
     top: Half
     across: tuple[Triple, Triple, Triple]
@@ -60,7 +68,10 @@ def no_moments() -> Moments:
 
 @inline
 def add_place(m: Moments, w: F16, p: F16, q: F16, h: F16) -> Moments:
-    """Return the moments with one more place, and its height, in each lane."""
+    """Return the sums for quadrics with one more neighbour in each lane.
+
+    w : weight; p, q : coordinates in the plane; h : height above it
+    """
     wp, wq = w * p, w * q
     wpp, wpq, wqq = wp * p, wp * q, wq * q
     pp, pq, qq = p * p, p * q, q * q
@@ -91,7 +102,11 @@ def factor(m: Moments) -> Factor:
 
 @inline
 def _factor3(a: Sextuple, least: F16) -> Half:
-    """Factor a symmetric matrix, xx xy xz yy yz zz, into L D L'."""
+    """Factor a symmetric 3 x 3 matrix into L D L': return l10, l20, l21 and the inverse of D.
+
+    a : xx xy xz yy yz zz
+    least : lower limit of the pivots
+    """
     i0 = ONE / vmax(a[0], least)
     l10, l20 = a[1] * i0, a[2] * i0
     i1 = ONE / vmax(a[3] - l10 * a[1], least)
@@ -102,27 +117,30 @@ def _factor3(a: Sextuple, least: F16) -> Half:
 
 @inline
 def _forward(half: Half, b: Triple) -> Triple:
-    """Solve L y = b."""
+    """Solve L y = b, where L is unit lower triangular: half[0:3] are l10, l20, l21."""
     y = b[1] - half[0] * b[0]
     return b[0], y, b[2] - half[1] * b[0] - half[2] * y
 
 
 @inline
 def _backward(half: Half, z: Triple) -> Triple:
-    """Solve L' x = z."""
+    """Solve L' x = z, where L is unit lower triangular: half[0:3] are l10, l20, l21."""
     y = z[1] - half[2] * z[2]
     return z[0] - half[0] * y - half[1] * z[2], y, z[2]
 
 
 @inline
 def _scaled(half: Half, y: Triple) -> Triple:
-    """Solve D z = y."""
+    """Solve D z = y, where D is diagonal: half[3:6] are the inverse elements."""
     return y[0] * half[3], y[1] * half[4], y[2] * half[5]
 
 
 @inline
 def solve(f: Factor, h: Sextuple) -> Sextuple:
-    """Return the six coefficients for a right-hand side."""
+    """Return the six coefficients of quadrics, 1 p q pp pq qq, in each lane, from the factored normal matrix.
+
+    h : right-hand side: weighted sums of the heights times 1 p q pp pq qq
+    """
     top = _forward(f.top, (h[0], h[1], h[2]))
     known = _times(f.across, top)
     low = _forward(f.low, (h[3] - known[0], h[4] - known[1], h[5] - known[2]))
@@ -146,7 +164,10 @@ def _times(rows: tuple[Triple, Triple, Triple], y: Triple) -> Triple:
 
 @inline
 def _variance(f: Factor, unit: Triple) -> F16:
-    """Return a diagonal entry of the inverse normal matrix."""
+    """Return one diagonal element of the inverse normal matrix: the variance of a coefficient of the quadric.
+
+    unit : (1, 0, 0), (0, 1, 0) or (0, 0, 1), for the coefficient of 1, p or q
+    """
     top = _forward(f.top, unit)
     across = _times(f.across, top)
     low = _forward(f.low, (ZERO - across[0], ZERO - across[1], ZERO - across[2]))
@@ -155,17 +176,17 @@ def _variance(f: Factor, unit: Triple) -> F16:
 
 @inline
 def height_variance(f: Factor) -> F16:
-    """Return the variance of the height at the point, for unit noise at unit weights."""
+    """Return the variance of each fitted quadric's height at its point, for heights of unit variance."""
     return _variance(f, (broadcast16(ONE), zeros(), zeros()))
 
 
 @inline
 def slope_variance(f: Factor) -> F16:
-    """Return the variance of the slope, summed over the coefficients of p and q."""
+    """Return the variance of each fitted quadric's slope, summed over p and q, for heights of unit variance."""
     return _variance(f, (zeros(), broadcast16(ONE), zeros())) + _variance(f, (zeros(), zeros(), broadcast16(ONE)))
 
 
 @inline
 def polynomial(x: Sextuple, p: F16, q: F16) -> F16:
-    """Return the quadric's height."""
+    """Return the heights of quadrics with coefficients x, 1 p q pp pq qq, at coordinates p and q."""
     return x[0] + p * (x[1] + x[3] * p + x[4] * q) + q * (x[2] + x[5] * q)

@@ -21,7 +21,7 @@ NEAR = 11  # neighbours along which signs propagate, including the point itself:
 
 
 def agree(positions: Floats, normals: Floats, near: NDArray[np.int32]) -> tuple[Signs, NDArray[np.int32]]:
-    """Find signs with which neighbouring normals agree, and the connected group of each point.
+    """Find signs with which the normals of neighbours face the same side, and connected groups of such points.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def agree(positions: Floats, normals: Floats, near: NDArray[np.int32]) -> tuple[
     signs : (n,) int8
         1 or -1; the signs of a group may all be wrong.
     groups : (n,) int32
-        Group numbers, from 0.
+        Group of each point, numbered from 0; all its neighbours are in the same one.
     """
     all_rows = slice(0, len(positions))
     piece, sign, sizes = find_pieces(positions, normals, near, all_rows)
@@ -45,9 +45,10 @@ def agree(positions: Floats, normals: Floats, near: NDArray[np.int32]) -> tuple[
 
 
 def orient(positions: Floats, normals: Floats, near: NDArray[np.int32]) -> Signs:
-    """Return signs, (n,) int8, with which normals agree and face outward, or up if there is no outside.
+    """Return signs, (n,) of 1 or -1, with which normals agree and face outward, or up if there is no outside.
 
-    Parameters as for `agree`.
+    positions, normals : (n, 3) in kd order; unit normals
+    near : (n, k) rows of the neighbours, the point itself first
     """
     signs, groups = agree(positions, normals, near)
     signs[inward_groups(positions, normals, signs, groups)[groups]] *= -1

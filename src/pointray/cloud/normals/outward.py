@@ -26,9 +26,9 @@ LARGE = 1000  # groups with at least so many points are decided by their outermo
 
 
 class Sample(NamedTuple):
-    """Sample of points that decides which way groups face: each n-th point of a group, or all of a small one, in order.
+    """Points that decide which way groups of consistent normals face: each n-th point of a group, all of a small one.
 
-    groups : (s,) int32
+    groups : (s,) int32, group of each point
     positions : (s, 3) float32
     normals : (s, 3) float32, consistent within each group
     """
@@ -38,15 +38,17 @@ class Sample(NamedTuple):
     normals: Floats
 
     def only(self, rows: Flags) -> Sample:
-        """Select some of the points."""
+        """Return the points for which `rows`, (s,) bool, is true."""
         return Sample(self.groups[rows], self.positions[rows], self.normals[rows])
 
 
 @kernel
 def _choose(groups: Array, steps: Array, left: Array, rows: Array) -> int:
-    """List each steps[g]-th row of group g; return the number of rows.
+    """List each steps[g]-th row of every group g; return the number of rows listed.
 
-    left : (g,) rows of each group before its first listed row
+    groups : (n,) group of each row
+    left : (g,) rows of each group to skip before its first listed row; updated
+    rows : receives the rows
     """
     found = 0
     for i in range(len(groups)):
@@ -60,7 +62,7 @@ def _choose(groups: Array, steps: Array, left: Array, rows: Array) -> int:
 
 
 def even_directions(count: int) -> Doubles:
-    """Return directions spread evenly over the sphere, (count, 3): a Fibonacci spiral."""
+    """Return unit vectors spread evenly over the sphere, (count, 3): a Fibonacci spiral."""
     z = 1 - (2 * np.arange(count) + 1) / count
     angle = np.pi * (1 + 5**0.5) * np.arange(count)
     flat = np.sqrt(1 - z * z)
@@ -68,7 +70,10 @@ def even_directions(count: int) -> Doubles:
 
 
 def outward_votes(positions: Floats, normals: Floats) -> Doubles:
-    """Return how far outward the outermost points face in each of the directions: mean cosines, -1 to 1."""
+    """Return how far outward the outermost points face in each of 64 directions, (64,): mean cosines, -1 to 1.
+
+    positions, normals : (n, 3); 1% of the points are outermost in a direction
+    """
     x, unit = positions.astype(np.float64), normals.astype(np.float64)
     rim = max(1, int(RIM * len(x)))
     votes = np.empty(DIRECTIONS)
@@ -79,7 +84,10 @@ def outward_votes(positions: Floats, normals: Floats) -> Doubles:
 
 
 def looks_inward(positions: Floats, normals: Floats) -> bool:
-    """Return whether the outermost points face inward in all directions, as in a closed model with inverted normals."""
+    """Return whether the outermost points face inward in nearly all directions, as in a model with inverted normals.
+
+    positions, normals : (n, 3)
+    """
     step = -(-len(positions) // SAMPLE)
     votes = outward_votes(positions[::step], normals[::step])
     return bool((votes < 0).mean() > INWARD and votes.mean() < -DEEP)
@@ -93,17 +101,18 @@ def take_sample(
     sizes: Whole,
     earlier: Whole | None = None,
 ) -> Sample:
-    """Select the points that decide which way groups face.
+    """Select the points that decide whether groups of consistent normals face outward: each n-th of a large group.
 
     Parameters
     ----------
     positions : (n, 3) float32
     normals : (n, 3) float32, unit
     signs : (n,) int8
-        Make the normals consistent.
+        1 or -1, which make the normals consistent within each group.
     groups : (n,) int32
+        Group of each point.
     sizes : (g,) int64
-        Number of points of each group.
+        Number of points of each group in the whole cloud.
     earlier : (g,) int64, optional
         Number of these in earlier parts of the cloud. None: the points are the whole cloud.
     """
@@ -116,7 +125,9 @@ def take_sample(
 
 
 def inward_of(samples: Sequence[Sample], sizes: Whole) -> Flags:
-    """Return which groups must be inverted, (g,), by votes of their outermost points and the mean upward component.
+    """Return which groups of normals must be inverted, (g,) bool, since their outermost points face inward.
+
+    The mean upward component counts as well: terrain has no outside.
 
     Parameters
     ----------
@@ -142,9 +153,10 @@ def inward_of(samples: Sequence[Sample], sizes: Whole) -> Flags:
 
 
 def _small_inward(positions: Floats, normals: Floats, points: Whole) -> Flags:
-    """Return which small groups must be inverted. There are many, so their sums are computed at once.
+    """Return which small groups of normals must be inverted. There are many, so their sums are computed at once.
 
-    positions, normals : sorted by group; points : number of points of each group
+    positions, normals : (s, 3) sorted by group
+    points : number of points of each group
     """
     starts = np.cumsum(points) - points
     # Dot products of normals and offsets from the mean, and the upward components.
@@ -156,6 +168,11 @@ def _small_inward(positions: Floats, normals: Floats, points: Whole) -> Flags:
 
 
 def inward_groups(positions: Floats, normals: Floats, signs: NDArray[np.int8], groups: Groups) -> Flags:
-    """Return which groups of a whole cloud must be inverted, (g,); parameters as for `take_sample`."""
+    """Return which connected groups of normals of a whole cloud face inward and must be inverted, (g,) bool.
+
+    positions, normals : (n, 3)
+    signs : (n,) 1 or -1, which make the normals consistent within each group
+    groups : (n,) group of each point, numbered from 0
+    """
     sizes = np.bincount(groups)
     return inward_of([take_sample(positions, normals, signs, groups, sizes)], sizes)

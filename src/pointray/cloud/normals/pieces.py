@@ -24,7 +24,7 @@ SURE = 0.95  # confidence at which points of a tile join without a vote: 0.5% of
 
 
 class Pieces(NamedTuple):
-    """Pieces of some points.
+    """Division of consecutive points in kd order into pieces: sets of points whose normals reliably face the same side.
 
     piece : (m,) int32, number of each point's piece, in the order of their roots
     sign : (m,) int8, 1 or -1: the sign that makes its normal consistent with its piece
@@ -38,10 +38,12 @@ class Pieces(NamedTuple):
 
 @inline
 def _agreements(table: Array, near: Array, core: int, first: int, q: int, k: int, out: Array) -> None:
-    """Write the confidence of the edges from 16 consecutive points to their q-th neighbours, of k.
+    """Write the confidence, -1 to 1, that 16 consecutive points and the q-th neighbour of each face the same side.
 
     table : flat, eight floats per point, beginning with position and normal
-    core : row of the first point with neighbours; `first` counts from it
+    near : flat, k rows of neighbours for each point from row `core` of the table on
+    first : index of the first of the 16 points, counted from `core`
+    out : (16,)
     """
     at = 8 * (core + first)
     n = load_apart16(table, at + 3, 8), load_apart16(table, at + 4, 8), load_apart16(table, at + 5, 8)
@@ -54,7 +56,10 @@ def _agreements(table: Array, near: Array, core: int, first: int, q: int, k: int
 
 @inline
 def climb(parent: Array, sign: Array, i: int) -> tuple[int, int]:
-    """Return the root above i, and its sign relative to i."""
+    """Return the root above element i of a forest (union-find), and 1 or -1: the product of the signs on the way.
+
+    parent, sign : (n,) parent of each element, itself at a root, and 1 or -1, the sign relative to it
+    """
     s = 1
     while parent[i] != i:
         s *= sign[i]
@@ -64,7 +69,12 @@ def climb(parent: Array, sign: Array, i: int) -> tuple[int, int]:
 
 @inline
 def _climb_halving(parent: Array, sign: Array, i: int) -> tuple[int, int]:
-    """Return the same as `climb`, halving the path."""
+    """Return the root above element i of a forest, and the sign relative to it, like `climb`; shorten the path.
+
+    Each element on the way gets its grandparent as parent, which halves later paths.
+
+    parent, sign : (n,) parent of each element, and 1 or -1, the sign relative to it
+    """
     s = 1
     while parent[i] != i:
         above = parent[i]
@@ -77,10 +87,12 @@ def _climb_halving(parent: Array, sign: Array, i: int) -> tuple[int, int]:
 
 @kernel
 def _join_tiles(work: Array, table: Array, near: Array, k: int, core: int, parent: Array, sign: Array) -> int:
-    """Join each tile's reliable edges, best first. parent[i]: root of i's piece; sign[i]: sign relative to it.
+    """Join the points of each tile whose normals reliably face the same side, along edges to neighbours, best first.
 
-    table : flat, see `_agreements`, padded to whole lanes
-    near : flat, k per point from row `core` of the table on
+    work : gives each thread its next tile, 2048 points
+    table : flat, eight floats per point, beginning with position and normal; padded to a multiple of 16 points
+    near : flat, k rows of neighbours per point from row `core` of the table on, itself first
+    parent, sign : (m,) receive the root of each point's piece, and 1 or -1, its sign relative to the root
     """
     table, near, parent, sign = borrow(table), borrow(near), borrow(parent), borrow(sign)
     n, lanes = len(parent), np.empty(16, np.float32)
@@ -135,7 +147,7 @@ def _join_tiles(work: Array, table: Array, near: Array, k: int, core: int, paren
 
 
 def find_pieces(positions: Floats, normals: Floats, near: NDArray[np.int32], core: slice) -> Pieces:
-    """Find the pieces of some consecutive points.
+    """Divide consecutive points in kd order into pieces: sets of points whose normals reliably face the same side.
 
     Parameters
     ----------
@@ -144,7 +156,7 @@ def find_pieces(positions: Floats, normals: Floats, near: NDArray[np.int32], cor
     near : (m, k) int32
         Rows of the neighbours of each point of the core, itself first.
     core : slice
-        The m points; tiles begin at the first one.
+        The m points; tiles, of 2,048 points each, begin at the first one. A piece lies within a tile.
     """
     m = len(near)
     parent, sign = np.empty(m, np.int32), np.empty(m, np.int8)
@@ -158,7 +170,11 @@ def find_pieces(positions: Floats, normals: Floats, near: NDArray[np.int32], cor
 def _for_lanes(
     positions: Floats, normals: Floats, near: NDArray[np.int32], core: int
 ) -> tuple[Floats, NDArray[np.int32]]:
-    """Return the table and the neighbours for `_join_tiles`, padded with zeros to whole lanes."""
+    """Return the arguments `table` and `near` of `_join_tiles`, padded with zeros to a multiple of 16 points.
+
+    positions, normals : (n, 3)
+    near : (m, k) rows of the neighbours of each point from row `core` on
+    """
     n, m = len(positions), len(near)
     rows = -(-m // 16) * 16
     table = np.zeros((max(n, core + rows), 8), np.float32)

@@ -10,7 +10,10 @@ from ...engine.kernels.vec import Vec3
 
 @inline
 def least_axis(a: Array, v: Array) -> Vec3:
-    """Return the column of v for the smallest diagonal element of a."""
+    """Return the eigenvector of the smallest eigenvalue: column of `v` for the smallest diagonal element of `a`.
+
+    a, v : (3, 3) diagonalised matrix, and its eigenvectors
+    """
     b = 1 if a[1, 1] < a[0, 0] else 0
     if a[2, 2] < a[b, b]:
         b = 2
@@ -19,7 +22,11 @@ def least_axis(a: Array, v: Array) -> Vec3:
 
 @routine
 def _least_direction(a: Array, v: Array) -> Vec3:
-    """Return the eigenvector of a symmetric matrix's smallest eigenvalue by Jacobi rotations; a becomes diagonal."""
+    """Return the eigenvector of a symmetric matrix's smallest eigenvalue by Jacobi rotations.
+
+    a : (3, 3) the matrix, which becomes diagonal
+    v : (3, 3) receives the eigenvectors as columns
+    """
     for i in range(3):
         for j in range(3):
             v[i, j] = 1.0 if i == j else 0.0
@@ -45,7 +52,11 @@ def _least_direction(a: Array, v: Array) -> Vec3:
 
 @routine
 def plane(d: Array, w: Array, k: int, a: Array, v: Array) -> Vec3:
-    """Return the normal of the plane fitted to k weighted points."""
+    """Return the unit normal of the plane fitted to k weighted points: the direction of least variance.
+
+    d, w : (k, 3) positions, and (k,) weights
+    a, v : (3, 3) receive the eigenvalues, on the diagonal, and the eigenvectors
+    """
     total = x = y = z = 0.0
     for j in range(k):
         total += w[j]

@@ -11,9 +11,13 @@ TERMS = 6  # 1, p, q, pp, pq, qq; a seventh column of the terms holds the height
 
 @routine
 def solve(terms: Array, w: Array, k: int, ridge: float, m: Array, x: Array) -> float:
-    """Solve least squares by Cholesky: x the coefficients, m the factor below its diagonal; return the sum of weights.
+    """Fit a quadric to k weighted points by least squares (Cholesky); return the sum of the weights.
 
-    ridge : added to the three square terms, times the sum of weights
+    terms : (k, 7) 1, p, q, pp, pq, qq and the height of each point
+    w : (k,) weights
+    ridge : added to the three square terms, times the sum of weights, so that points on a line have a solution
+    m : (6, 6) receives the Cholesky factor, in the lower triangle
+    x : (6,) receives the coefficients
     """
     total = 0.0
     for a in range(TERMS):

@@ -36,7 +36,15 @@ CHUNK = 256
 
 @kernel
 def _sides(work: Array, rows: Array, positions: Array, normals: Array, near: Array, out: Array) -> int:
-    """Write the mean cosine between each point's normal and the directions to its nearest points."""
+    """Write the mean cosine, -1 to 1, between each point's normal and the directions to its neighbours.
+
+    It shows on which side of the normal a second sheet lies, to which most neighbours belong.
+
+    work : gives each thread its next tile, 256 rows
+    rows : (m,) the points
+    positions, normals, near : (n, 3), (n, 3), and (n, k) rows of the neighbours, the point itself first
+    out : (m,)
+    """
     positions, normals, near = borrow(positions), borrow(normals), borrow(near)
     tile = next_tile(work)
     while tile >= 0:
@@ -56,7 +64,13 @@ def _sides(work: Array, rows: Array, positions: Array, normals: Array, near: Arr
 
 @kernel
 def _votes(work: Array, rows: Array, positions: Array, normals: Array, near: Array, out: Array) -> int:
-    """Write how clearly each normal agrees with its neighbours'."""
+    """Write how clearly each normal agrees with those of its neighbours: the sum of signed confidences, -1 to 1 each.
+
+    work : gives each thread its next tile, 256 rows
+    rows : (m,) the points
+    positions, normals, near : (n, 3), (n, 3), and (n, k) rows of the neighbours, the point itself first
+    out : (m,)
+    """
     positions, normals, near = borrow(positions), borrow(normals), borrow(near)
     tile = next_tile(work)
     while tile >= 0:
@@ -75,25 +89,36 @@ def _evaluate(function: Any, rows: Rows, positions: Floats, normals: Floats, nea
 
 
 def is_thick(residuals: Floats) -> Flags:
-    """Return which points may be near two sheets. residuals : of fits, in spacings; NaN for points on a line"""
+    """Return which points may be near two sheets, (n,) bool, as a quadric does not fit their neighbours.
+
+    residuals : (n,) of fits, in spacings; NaN for points on a line
+    """
     return ~(residuals <= THICK)
 
 
 def step_of(thick: int, points: int) -> int:
-    """Return the step at which candidates are examined first."""
+    """Return the step by which candidates are thinned out, so that winding numbers are needed for at most 3% of points.
+
+    thick : number of candidates, points that may be near two sheets
+    points : number of all points
+    """
     return math.ceil(thick / (SEEDS * points))
 
 
 def sample_of(points: int) -> Rows:
-    """Return the points that decide whether there is an inside, ascending."""
+    """Return the rows of at most 500 random points, ascending, which decide whether a cloud encloses a volume.
+
+    points : number of all points
+    """
     chosen = np.random.default_rng(0).choice(points, min(SAMPLE, points), replace=False, shuffle=False)
     return np.sort(chosen).astype(np.int64)
 
 
 def scale_of(numbers: Floats, farther: Floats) -> float | None:
-    """Return the divisor of spacings that makes the jump 1, from the sample's numbers; None if there is no inside.
+    """Return the divisor of spacings with which winding numbers are 0 outside and 1 inside; None if there is no inside.
 
-    numbers : (m, 2), one spacing away; farther : (m, 2), `STEP` away
+    numbers : (m, 2) winding numbers one spacing in front of sampled points, and behind them
+    farther : (m, 2) the same at 1.5 spacings
     """
     front, behind = numbers.T
     jump = float(np.median(behind - front))
@@ -103,34 +128,55 @@ def scale_of(numbers: Floats, farther: Floats) -> float | None:
 
 
 def is_odd(numbers: Floats) -> Flags:
-    """Return which pairs of numbers do not add up to 1."""
+    """Return which points, (m,) bool, have winding numbers in front and behind that do not add up to 1.
+
+    At a single sheet they add up to 1, outside and inside; at two sheets they do not.
+
+    numbers : (m, 2)
+    """
     return np.asarray(np.abs(numbers.sum(axis=1) - 1) > LOOSE)
 
 
 def is_wrong(rows: Rows, numbers: Floats, positions: Floats, normals: Floats, near: NDArray[np.int32]) -> Flags:
-    """Return which rows must be flipped, by their numbers, as the other sheet lies on the wrong side of them."""
+    """Return which normals must be flipped, (m,) bool, as the other sheet lies on the wrong side of them.
+
+    In a thin plate it must be behind, in a thin cavity in front; winding numbers tell which of these it is.
+
+    rows : (m,) the points
+    numbers : (m, 2) their winding numbers in front and behind
+    positions, normals, near : (n, 3), (n, 3), and (n, k) rows of the neighbours, the point itself first
+    """
     excess = numbers.sum(axis=1) - 1
     return np.asarray((np.abs(excess) > LOOSE) & (excess * _evaluate(_sides, rows, positions, normals, near) < 0))
 
 
 def energy(numbers: Floats) -> Floats:
-    """Return the squared distance of both numbers from 0 or 1."""
+    """Return the summed squared distances of winding numbers in front and behind, (m, 2), from the nearer of 0 and 1.
+
+    Normals with the right signs give small values.
+    """
     squares: Floats = np.minimum(numbers**2, (numbers - 1) ** 2)
     return squares[:, 0] + squares[:, 1]
 
 
 def is_unsure(before: Floats, after: Floats) -> Flags:
-    """Return where the numbers before and after flipping do not decide."""
+    """Return where winding numbers do not decide whether a normal should be flipped, (m,) bool.
+
+    before, after : (m, 2) numbers in front and behind, before and after flipping
+    """
     return np.asarray(np.abs((before + after).sum(axis=1) / 2 - 1) <= LOOSE)
 
 
 def disagrees(rows: Rows, positions: Floats, normals: Floats, near: NDArray[np.int32]) -> Flags:
-    """Return which rows have normals that contradict the edges to their neighbours."""
+    """Return which normals, (m,) bool, contradict those of their neighbours, according to `agreement` with each.
+    rows : (m,) the points
+    positions, normals, near : (n, 3), (n, 3), and (n, k) rows of the neighbours, the point itself first
+    """
     return np.asarray(_evaluate(_votes, rows, positions, normals, near) < 0)
 
 
 class _Field:
-    """Winding numbers of a whole cloud with its current normals."""
+    """Winding numbers of a whole cloud with its current normals: 0 outside the surface and 1 inside."""
 
     def __init__(self, positions: Floats, normals: Floats, near: NDArray[np.int32]) -> None:
         frame = Frame(positions[0], float(np.ptp(positions, axis=0).max()))
@@ -139,15 +185,21 @@ class _Field:
         self.update()
 
     def update(self) -> None:
-        """Rebuild the tree with the current normals."""
+        """Rebuild the tree of dipoles, from which winding numbers are summed, with the current normals."""
         self._winding = Winding.of(Splats(self.positions, self.normals, self._spacing))
 
     def around(self, rows: Rows, step: float = STEP) -> Floats:
-        """Return the winding numbers `step` spacings in front and behind, (m, 2)."""
+        """Return the winding numbers `step` spacings in front of some points and behind them, (m, 2).
+
+        rows : (m,) the points
+        """
         return self._winding.around(rows, step)
 
     def is_closed(self) -> bool:
-        """Return whether the numbers add up to 1 nearly everywhere; if so, scale areas so that the jump is 1."""
+        """Return whether the surface encloses a volume; if so, scale winding numbers to 0 outside and 1 inside.
+
+        It does if the numbers in front of sampled points and behind them add up to 1 nearly everywhere.
+        """
         rows = sample_of(len(self.positions))
         scale = scale_of(self.around(rows, 1.0), self.around(rows))
         if scale is None:
@@ -158,14 +210,16 @@ class _Field:
 
 
 def orient_thin_sheets(positions: Floats, normals: Floats, near: NDArray[np.int32], residuals: Floats) -> None:
-    """Flip wrong normals of thin plates and cavities, in place.
+    """Flip normals, in place, that face the wrong way where two sheets of a closed surface are close together.
+
+    Neighbours are no guide in such plates and cavities, as many belong to the other sheet. Winding numbers decide.
 
     Parameters
     ----------
     positions : (n, 3) float32
         In kd order.
     normals : (n, 3) float32, unit
-        Oriented along the edges.
+        Oriented by those of neighbours.
     near : (n, k) int32
         Rows of the neighbours, the point itself first.
     residuals : (n,) float32
@@ -183,7 +237,10 @@ def orient_thin_sheets(positions: Floats, normals: Floats, near: NDArray[np.int3
 
 
 def _suspects(field: _Field, rows: Rows) -> Rows:
-    """Return rows whose numbers do not add up to 1, and rings of neighbours around them."""
+    """Return the rows of points at which winding numbers show two sheets, and of neighbours around them.
+
+    rows : (m,) candidates
+    """
     found, fresh = np.zeros(len(field.positions), np.bool_), rows
     for _ in range(RINGS):
         odd = fresh[is_odd(field.around(fresh))]
@@ -194,7 +251,11 @@ def _suspects(field: _Field, rows: Rows) -> Rows:
 
 
 def _turn(field: _Field, rows: Rows) -> None:
-    """Flip wrong normals; undo flips that bring the numbers no closer to 0 and 1; where unclear, edges decide."""
+    """Flip wrong normals of some rows, in place, by winding numbers.
+
+    Flips that bring the numbers around them no closer to 0 and 1 are undone. Where the numbers do not decide, normals
+    follow those of neighbours.
+    """
     before = field.around(rows)
     turned = rows[is_wrong(rows, before, field.positions, field.normals, field.near)]
     field.normals[turned] *= -1

@@ -23,10 +23,12 @@ AMONG = 1.25  # largest ratio of the last one's distance from the viewpoint to t
 
 
 def eyes_of(points: Points, ignored: Sequence[int] | None = None) -> NDArray[np.float64] | None:
-    """Return the station that saw each point: (n, 3) float64, world, NaN where unknown, or (3,); None if none is known.
+    """Return the scanner position that saw each point: (n, 3) or (3,) float64, world; None if none is known.
 
-    The attribute `SCAN` holds each point's station. A single station without that attribute saw all points.
-    ignored : numbers of stations to ignore. None: found by `ignored_stations`; the points must be the whole cloud
+    Rows of unknown scanners are NaN. The attribute "scan" holds the index of each point's station; a single station
+    without that attribute saw all points.
+
+    ignored : indices of stations to ignore. None: found by `ignored_stations`; the points must be the whole cloud
     """
     ignored = ignored_stations(points) if ignored is None else ignored
     stations = np.array(points.georeference.stations, np.float64).reshape(-1, 3)
@@ -43,7 +45,7 @@ def eyes_of(points: Points, ignored: Sequence[int] | None = None) -> NDArray[np.
 
 
 def check_eyes(viewpoint: ArrayLike, n: int) -> NDArray[np.float64]:
-    """Validate a viewpoint: (3,), or (n, 3) with NaN where unknown."""
+    """Validate the scanner position, or those of n points, NaN where unknown; return them as (3,) or (n, 3) float64."""
     eyes = check_numbers(viewpoint, "viewpoint", "three numbers, or three for each point").astype(np.float64)
     if eyes.ndim != 2:
         return vector(viewpoint, "viewpoint")
@@ -53,9 +55,11 @@ def check_eyes(viewpoint: ArrayLike, n: int) -> NDArray[np.float64]:
 
 
 def check_outside(positions: Floats, eye: NDArray[np.float64]) -> None:
-    """Raise a ValueError for a viewpoint, (3,), among the points, as if it lay in a wall.
+    """Raise a ValueError if a scanner position lies among the points, as if in a wall.
 
-    Points exactly at the viewpoint do not count: scanners write lost returns there.
+    Points exactly at that position do not count: scanners write lost returns there.
+
+    positions : (n, 3); eye : (3,) in the same coordinates
     """
     distances = np.linalg.norm(positions - eye, axis=1)
     distances[distances == 0] = np.inf
@@ -71,7 +75,10 @@ def check_outside(positions: Floats, eye: NDArray[np.float64]) -> None:
 
 
 def warn_of_ignored(ignored: Sequence[int], count: int) -> None:
-    """Warn that stations are ignored. count : number of stations"""
+    """Warn that some stations of a file are ignored, as their points cannot have been seen from there.
+
+    ignored : indices of these stations; count : number of all
+    """
     if not ignored:
         return
     which = "the viewpoint of the file is not a scanner position"
@@ -81,7 +88,7 @@ def warn_of_ignored(ignored: Sequence[int], count: int) -> None:
 
 
 def warn_of_lost_scans(points: Points) -> None:
-    """Warn of scan numbers without a station, if there are stations."""
+    """Warn if points belong to scans (by the attribute "scan") for which a file with stations has no station."""
     scans, count = points.attributes.get(SCAN), len(points.georeference.stations)
     if scans is None or scans.ndim != 1 or not count:
         return
@@ -96,19 +103,25 @@ def warn_of_lost_scans(points: Points) -> None:
 
 
 def is_known(eyes: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return which rows of (n, 3) viewpoints are known, (n,) bool."""
+    """Return which scanner positions, (n, 3), are known, (n,) bool: those that are finite."""
     return np.asarray(np.isfinite(eyes).all(axis=1))
 
 
 def faced(positions: Floats, normals: Floats, eyes: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return which normals do not face away from their viewpoints, (n,) bool; true where the viewpoint is unknown."""
+    """Return which normals do not face away from the scanner, (n,) bool; true where its position is unknown.
+
+    positions, normals, eyes : (n, 3) points, their normals, and the scanner position of each
+    """
     return ~(np.einsum("ij,ij->i", normals, eyes - positions) < 0)
 
 
 def orient_unknown(positions: Floats, normals: Floats, near: NDArray[np.int32], known: NDArray[np.bool_]) -> None:
-    """Turn normals without a known viewpoint so that they agree with the others, in place.
+    """Turn normals of points whose scanner is unknown so that they agree with the others, in place.
 
-    In each connected group the known normals vote; a group without any is turned outward, as by `orient`.
+    In each connected group the normals with known scanners vote; a group without any is turned outward, as by `orient`.
+
+    positions, normals, near : (n, 3), (n, 3), and (n, k) rows of the neighbours, the point itself first
+    known : (n,) whether the scanner is known, and the normal turned towards it
     """
     signs, groups = agree(positions, normals, near)
     votes = np.bincount(groups[known], signs[known], groups.max() + 1)

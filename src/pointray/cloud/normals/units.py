@@ -14,7 +14,11 @@ CHUNK = 1 << 14  # vectors of a tile
 
 @kernel
 def _to_units(work: Array, vectors: Array, units: Array, lengths: Array) -> int:
-    """Write unit vectors and lengths; float64 holds the square of every float32."""
+    """Write unit vectors and the lengths before, both 0 where a vector is zero or not finite.
+
+    work : gives each thread its next tile, 2^14 vectors
+    vectors, units : (n, 3) float32; lengths : (n,) float64, which holds the square of every float32
+    """
     vectors, units, lengths = borrow(vectors), borrow(units), borrow(lengths)
     tile = next_tile(work)
     while tile >= 0:

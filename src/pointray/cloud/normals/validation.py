@@ -22,18 +22,22 @@ AGREED = 0.5  # refitted normals are inverted if opposite signs outweigh equal o
 def select_normals(
     points: Points, choice: str = "auto", keep: str = KEEP, progress: StageProgress | None = None
 ) -> Points:
-    """Select the requested normals; warn of wrong normals and rounded coordinates.
+    """Select the normals of a file, or none; warn if the file's are wrong, or its coordinates rounded.
 
     Parameters
     ----------
     points : Points
     choice : {"auto", "file", "fit"}
-        "auto": the points' own normals, unless they are wrong; "file": their own normals; "fit": none, so that `Model`
-        estimates them.
+        "auto": the points' own normals, unless they are wrong, then fitted ones; "file": their own normals; "fit":
+        none, so that `Model` estimates them.
     keep : str
         Option that keeps the file's normals, for messages.
     progress : callable, optional
         Called as `progress(stage, share)` with the name of the stage and its completed share, 0 to 1.
+
+    Returns
+    -------
+    Points
 
     Raises
     ------
@@ -45,7 +49,13 @@ def select_normals(
 
 
 def validate_normals(points: Points, choice: str = "auto", keep: str = KEEP) -> tuple[Points, bool]:
-    """Return the points, perhaps without normals, and whether `refit_normals` is needed; warn like `select_normals`."""
+    """Check the normals of a file; warn if they are wrong, or the coordinates rounded.
+
+    Returns the points, without normals if `choice` is "fit", and whether their normals are wrong and must be refitted.
+
+    choice : "auto", "file" (own normals, not checked) or "fit" (no normals)
+    keep : option that keeps the file's normals, for messages
+    """
     check_normals_choice(points, choice, keep)
     steps, rounded = find_rounding(points)
     if rounded:
@@ -61,21 +71,25 @@ def validate_normals(points: Points, choice: str = "auto", keep: str = KEEP) -> 
 
 
 def check_normals_choice(points: Points, choice: str, keep: str = KEEP) -> None:
-    """Raise a ValueError if the file's normals are requested but missing."""
+    """Raise a ValueError if `choice` is invalid, or is "file" and the points have no normals.
+
+    choice : "auto", "file" or "fit"
+    keep : option that keeps the file's normals, for the message
+    """
     check_choice(choice, "normals", NORMALS)
     if choice == "file" and points.normals is None:
         raise ValueError(f"{keep}: the file has no normals")
 
 
 def describe_normals(found: NormalsCheck) -> str:
-    """Return the warning about wrong normals."""
+    """Return a warning about wrong normals, with their angle to the surface from the result of `check_normals`."""
     return f"normals in the file deviate from the surface by {found.angle:.0f} degrees (median)"
 
 
 def refit_normals(points: Points, progress: StageProgress | None = None) -> Points:
-    """Return the points with fitted normals; if the old ones clearly face the other way, all are inverted.
+    """Replace normals by fitted ones; if the old ones clearly face the other way, invert all of these.
 
-    With known stations none are inverted.
+    With known scanner positions none are inverted.
     """
     fitted = estimate_normals(points, progress=progress).normals
     assert fitted is not None and points.normals is not None

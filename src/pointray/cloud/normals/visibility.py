@@ -26,9 +26,9 @@ HIDDEN = 0.1
 
 
 def ignored_stations(points: Points) -> tuple[int, ...]:
-    """Return the numbers of the stations of `points.georeference` from which their points cannot have been seen.
+    """Return the indices of the stations of `points.georeference` from which their points cannot have been seen.
 
-    Decided on a sample. `eyes_of` defines which station saw which points.
+    From there too many points of a sample would be hidden by others. `eyes_of` defines which station saw which points.
     """
     count = len(points.georeference.stations)
     if not count:
@@ -43,7 +43,7 @@ def ignored_stations(points: Points) -> tuple[int, ...]:
 
 
 def station_sample(total: int, stations: int) -> NDArray[np.int64]:
-    """Return rows that represent the points of some stations, ascending; random, as every n-th may be a scan line."""
+    """Return random rows of a cloud of `total` points, ascending, to test `stations` scanner positions with."""
     wanted = min(SAMPLE * stations, MOST)
     if total <= wanted:
         return np.arange(total)
@@ -51,7 +51,12 @@ def station_sample(total: int, stations: int) -> NDArray[np.int64]:
 
 
 def hidden_share(positions: Floats, eye: NDArray[np.float64]) -> float:
-    """Return the share of pairs in nearly one direction from `eye` that are on different surfaces; 0 for few pairs."""
+    """Return the share of pairs of points, in nearly one direction from a position, that are on different surfaces.
+
+    A scanner sees one surface in each direction, so from its position the share is small. 0 if there are few pairs.
+
+    positions : (n, 3); eye : (3,) in the same coordinates
+    """
     places = positions[station_sample(len(positions), 1)]
     places = np.ascontiguousarray(places[distinct(places)[0]])
     away = places - eye
@@ -71,14 +76,19 @@ def hidden_share(positions: Floats, eye: NDArray[np.float64]) -> float:
 
 
 def _are_smooth(groups: Floats) -> NDArray[np.bool_]:
-    """Return whether the points around each, (n, k, 3), lie near a plane or a line, (n,) bool."""
+    """Return which groups of neighbouring points, (n, k, 3), lie near a plane or a line, (n,) bool."""
     offsets = groups.astype(np.float64) - groups.mean(axis=1, keepdims=True)
     values = np.linalg.eigvalsh(np.einsum("nki,nkj->nij", offsets, offsets))
     return np.asarray(values[:, 0] < FLAT * values[:, 1])
 
 
 def _nearest_in_direction(directions: NDArray[np.float64]) -> NDArray[np.int32]:
-    """Return the row of each direction's nearest other one, (n,); all may be close together, as from afar."""
+    """Return the row of the direction that is nearest to each one, other than itself, (n,).
+
+    They are centred and scaled before the search: seen from afar, all may be close together.
+
+    directions : (n, 3) unit vectors
+    """
     centred = directions - directions.mean(axis=0)
     near = neighbors((centred / (np.abs(centred).max() or 1.0)).astype(np.float32), 2)[1]
     return np.where(near[:, 1] == np.arange(len(near)), near[:, 0], near[:, 1])

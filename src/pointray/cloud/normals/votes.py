@@ -20,10 +20,10 @@ STEPS = 1 << 24  # units of a full vote, near float32 precision; 256 votes of ea
 
 
 class Votes(NamedTuple):
-    """Votes between pieces; each pair occurs once.
+    """Votes between pieces (sets of points whose normals agree): do the normals of two pieces face the same side?
 
-    pairs : (e,) int64, ascending: 2^32 times the lower piece, plus the other one
-    sums : (e,) int64, signed votes in `STEPS`, positive where the two agree
+    pairs : (e,) int64, ascending, each pair once: 2^32 times the lower piece, plus the other one
+    sums : (e,) int64, signed votes in units of 2^-24, positive where the two agree
     masses : (e,) int64, sums of absolute votes
     """
 
@@ -34,9 +34,11 @@ class Votes(NamedTuple):
 
 @kernel
 def _count_votes(work: Array, near: Array, core: int, piece: Array, counts: Array) -> int:
-    """Write to counts[tile] the number of edges between different pieces.
+    """Write to counts[tile] the number of edges to neighbours in another piece (set of points whose normals agree).
 
-    near : of the points from row `core` on
+    work : gives each thread its next tile, 2048 points
+    near : (m, k) rows of the neighbours of the points from row `core` on, themselves first
+    piece : (n,) piece of each row
     """
     tile = next_tile(work)
     while tile >= 0:
@@ -53,9 +55,15 @@ def _count_votes(work: Array, near: Array, core: int, piece: Array, counts: Arra
 def _cast_votes(
     work: Array, cloud: Arrays, near: Array, core: int, labels: Arrays, starts: Array, pairs: Array, votes: Array
 ) -> int:
-    """List the edges between pieces: pairs of pieces, lower one first, and their signed confidence in `STEPS`.
+    """List the edges between neighbours in different pieces (sets of points whose normals agree), and their votes.
 
-    cloud : positions, normals; labels : piece and sign of each row
+    work : gives each thread its next tile, 2048 points
+    cloud : positions and normals, (n, 3) each
+    near : (m, k) rows of the neighbours of the points from row `core` on, themselves first
+    labels : piece of each row, and 1 or -1, by which its normal is multiplied to agree with the piece, (n,) each
+    starts : (tiles,) index of each tile's first edge
+    pairs : (e,) receives 2^32 times the lower piece, plus the other one
+    votes : (e,) receives the signed confidence that the two face the same side, in units of 2^-24
     """
     (positions, normals), (piece, sign) = borrow(cloud), borrow(labels)
     near = borrow(near)
@@ -84,7 +92,7 @@ def cast_votes(
     piece: NDArray[np.int32],
     sign: NDArray[np.int8],
 ) -> Votes:
-    """Return the votes of all edges from some points to other pieces.
+    """Sum up the votes of some points' edges to neighbours in other pieces (sets of points whose normals agree).
 
     Parameters
     ----------
@@ -97,7 +105,7 @@ def cast_votes(
     piece : (n,) int32
         Piece of each row, numbered across the whole cloud.
     sign : (n,) int8
-        1 or -1: sign of each row in its piece.
+        1 or -1, by which the normal of each row is multiplied to agree with its piece.
     """
     tiles = -(-len(near) // CHUNK)
     counts = np.zeros(tiles, np.int64)
@@ -109,14 +117,18 @@ def cast_votes(
 
 
 def sum_votes(votes: Sequence[Votes]) -> Votes:
-    """Add up votes."""
+    """Add up the votes of several tables for equal pairs of pieces (sets of points whose normals agree)."""
     if len(votes) == 1:
         return votes[0]
     return _add_up(*(np.concatenate(arrays) for arrays in zip(*votes, strict=True)))
 
 
 def merge_votes(votes: Votes, number: Whole, sign: NDArray[np.int8]) -> Votes:
-    """Return the votes between larger pieces. number, sign : (p,) new piece of each piece, and its sign in it"""
+    """Return the votes between larger pieces (sets of points whose normals agree) that consist of the given ones.
+
+    number : (p,) larger piece that each piece belongs to
+    sign : (p,) 1 or -1, by which its normals are multiplied to agree with that
+    """
     one, other = votes.pairs >> 32, votes.pairs & 0xFFFFFFFF
     a, b = number[one], number[other]
     outer = a != b
@@ -125,7 +137,11 @@ def merge_votes(votes: Votes, number: Whole, sign: NDArray[np.int8]) -> Votes:
 
 
 def _add_up(pairs: Whole, sums: NDArray[Any], masses: NDArray[Any]) -> Votes:
-    """Sum the votes of equal pairs."""
+    """Sum up the votes of equal pairs of pieces (sets of points whose normals agree).
+
+    pairs : (e,) 2^32 times the lower piece, plus the other one; in any order
+    sums, masses : (e,) signed and absolute votes
+    """
     order = np.argsort(pairs, kind="stable")
     pairs = pairs[order]
     first = np.flatnonzero(np.diff(pairs, prepend=-1))

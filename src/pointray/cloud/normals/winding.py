@@ -32,25 +32,25 @@ NUMBERS = 8  # floats of a node: centre, dipole, radius, area
 
 
 class Frame(NamedTuple):
-    """Origin and unit of positions, chosen so that squares neither overflow nor vanish.
+    """Coordinates in which winding numbers are computed, so that squares neither overflow nor vanish.
 
     origin : (3,) float32
-    size : largest extent of the cloud
+    size : largest extent of the cloud, which becomes 1
     """
 
     origin: Floats
     size: float
 
     def of(self, positions: Floats) -> Floats:
-        """Return positions in the frame."""
+        """Return positions, (n, 3), relative to the frame's origin and size."""
         placed: Floats = (positions - self.origin) / f32(max(self.size, 1e-30))
         return placed
 
 
 class Splats(NamedTuple):
-    """Points of whole tiles, tile by tile.
+    """Points for winding numbers, in whole tiles: ranges of 4,096 points in kd order, fewer in a cloud's last one.
 
-    positions : (n, 3) float32, in the frame
+    positions : (n, 3) float32, scaled to an extent of 1
     normals : (n, 3) float32, unit
     spacing : (n,) float32, square roots of the points' areas
     """
@@ -62,7 +62,13 @@ class Splats(NamedTuple):
 
 @kernel
 def _spacings(work: Array, positions: Array, near: Array, core: int, out: Array) -> int:
-    """Write the square roots of the areas of the points from row `core` on, from the distances of their neighbours."""
+    """Write the square roots of the areas that the points from row `core` on stand for, by distances of neighbours.
+
+    work : gives each thread its next tile, 256 points
+    positions : (n, 3)
+    near : (m, k) rows of the neighbours, each point first
+    out : (m,)
+    """
     positions, near, out = borrow(positions), borrow(near), borrow(out)
     k = min(AREA, near.shape[1] - 1)
     tile = next_tile(work)
@@ -77,7 +83,10 @@ def _spacings(work: Array, positions: Array, near: Array, core: int, out: Array)
 
 
 def spacings(positions: Floats, near: NDArray[np.int32], core: int = 0) -> Floats:
-    """Return the square roots of the areas, (m,), of the points from row `core` on. near : (m, k), each point first"""
+    """Return the square roots of the areas, (m,), that the points from row `core` on stand for, by their neighbours.
+
+    near : (m, k) rows of the neighbours, each point first
+    """
     out = np.empty(len(near), np.float32)
     run(_spacings, -(-len(out) // CHUNK), positions, near, core, out)
     return out
@@ -91,7 +100,12 @@ def _distance(one: Array, i: int, other: Array, j: int) -> float:
 
 @inline
 def _combine(nodes: Array, t: int, one: int, two: int) -> None:
-    """Fill a zeroed node from its children."""
+    """Fill node t of a tree of dipoles from its children, nodes `one` and `two`.
+
+    A dipole approximates what distant points contribute to a winding number.
+
+    nodes : (m, 8) centre, dipole, radius and area of each node; node t is zero
+    """
     for child in (one, two):
         nodes[t, 7] += nodes[child, 7]
         for c in range(3):
@@ -106,7 +120,14 @@ def _combine(nodes: Array, t: int, one: int, two: int) -> None:
 
 @kernel
 def _grow(work: Array, positions: Array, normals: Array, spacing: Array, nodes: Array) -> int:
-    """Fill the trees of tiles; the root of each is node 1, children are 2i and 2i + 1."""
+    """Build a tree of dipoles for each tile (4,096 consecutive points); each approximates the points below, from afar.
+
+    The root is node 1, children of node i are 2i and 2i + 1, leaves have 16 points.
+
+    work : gives each thread its next tile
+    positions, normals, spacing : (n, 3), (n, 3), and (n,) square roots of the points' areas
+    nodes : (tiles * 512, 8) receives centre, dipole, radius and area of each node
+    """
     positions, normals, spacing, nodes = borrow(positions), borrow(normals), borrow(spacing), borrow(nodes)
     n, tile = len(positions), next_tile(work)
     while tile >= 0:
@@ -132,14 +153,20 @@ def _grow(work: Array, positions: Array, normals: Array, spacing: Array, nodes: 
 
 @kernel
 def _join_roots(top: Array) -> int:
-    """Fill the tree over the tiles, whose leaves are the roots of the tiles."""
+    """Build the tree of dipoles over all tiles (4,096 consecutive points each) of a cloud, from their roots.
+
+    top : (2^h, 8) nodes, children of node i are 2i and 2i + 1; the last half holds the roots of the tiles
+    """
     for t in range(len(top) // 2 - 1, 0, -1):
         _combine(top, t, 2 * t, 2 * t + 1)
     return 0
 
 
 def trees_of(splats: Splats) -> Floats:
-    """Return the trees of all tiles, (tiles * NODES, 8)."""
+    """Return the trees of dipoles, each of 512 nodes, for all tiles of 4,096 consecutive points: (tiles * 512, 8).
+
+    The columns are centre, dipole, radius and area. A node stands for distant points below it.
+    """
     tiles = -(-len(splats.positions) // TILE)
     nodes = np.zeros((tiles * NODES, NUMBERS), np.float32)
     run(_grow, tiles, *splats, nodes)
@@ -147,12 +174,18 @@ def trees_of(splats: Splats) -> Floats:
 
 
 def roots_of(splats: Splats) -> Floats:
-    """Return the roots of all tiles, (tiles, 8)."""
+    """Return the dipoles that stand for all tiles of 4,096 consecutive points, (tiles, 8).
+
+    The columns are centre, dipole, radius and area.
+    """
     return trees_of(splats)[1::NODES]
 
 
 def top_of(roots: Floats) -> Floats:
-    """Return the tree over all tiles of a cloud, from their roots."""
+    """Build the tree of dipoles over all tiles (4,096 consecutive points each) of a cloud, (2^h, 8) nodes.
+
+    roots : (tiles, 8) dipoles of the tiles, see `roots_of`
+    """
     leaves = 1 << (len(roots) - 1).bit_length()
     top = np.zeros((2 * leaves, NUMBERS), np.float32)
     top[leaves : leaves + len(roots)] = roots
@@ -162,14 +195,26 @@ def top_of(roots: Floats) -> Floats:
 
 @inline
 def _dipole(x: float, y: float, z: float, u: float, v: float, w: float, soft: float) -> float:
-    """Return the blurred solid angle of the dipole (u, v, w) seen from (-x, -y, -z)."""
+    """Return the blurred solid angle of the dipole (u, v, w) seen from (-x, -y, -z).
+
+    soft : square of the radius within which it is blurred
+    """
     square = x * x + y * y + z * z + soft
     return (x * u + y * v + z * w) / (square * math.sqrt(square))
 
 
 @inline
 def _below(t: int, tops: int, slots: Array, needed: Array) -> int:
-    """Return a node's first child; of a leaf -1 minus its first point; 0 if there is none or its tile is not loaded."""
+    """Return the first child of a node in the tree of dipoles over all tiles and in those of loaded tiles.
+
+    A tile is a range of 4,096 points.
+
+    Of a leaf return -1 minus its first point; 0 if there is no child, or its tile is not loaded.
+
+    t : the node; tops : number of nodes of the tree over all tiles, after which those of loaded tiles follow
+    slots : (tiles,) index of each tile among the loaded ones, or -1
+    needed : (tiles,) receives 1 if the tile is not loaded
+    """
     if t >= tops:
         tile, node = (t - tops) // NODES, (t - tops) % NODES
         return t + node if node < LEAVES else -1 - (tile * TILE + (node - LEAVES) * LEAF)
@@ -187,11 +232,17 @@ def _below(t: int, tops: int, slots: Array, needed: Array) -> int:
 
 @kernel
 def _wind(work: Array, rows: Array, splats: Arrays, trees: Arrays, step: float, out: Array, needed: Array) -> int:
-    """Write the winding numbers a step in front of and behind the points, both in one traversal.
+    """Write the winding numbers a step in front of some points and behind them, both in one traversal.
 
-    rows : indices into the loaded splats
-    trees : nodes of the top tree, then of the loaded tiles; (1,) int64 number of the former; (tiles,) int32 index of
-        each tile among the loaded ones, or -1
+    Only some tiles, ranges of 4,096 points, are loaded.
+
+    work : gives each thread its next tile, 256 rows
+    rows : (m,) indices into the loaded splats
+    splats : positions, normals and spacings (square roots of areas) of the points of loaded tiles
+    trees : nodes of the tree of dipoles over all tiles, then of those of loaded tiles; (1,) int64 number of the former;
+        (tiles,) int32 index of each tile among the loaded ones, or -1
+    step : in spacings of the point
+    out : (m, 2) receives the numbers in front and behind
     needed : (tiles,) int8, set to 1 for tiles that the numbers lack because they are not loaded
     """
     (positions, normals, spacing), (nodes, top, slots) = borrow(splats), borrow(trees)
@@ -236,16 +287,16 @@ def _wind(work: Array, rows: Array, splats: Arrays, trees: Arrays, step: float, 
 
 
 class Winding:
-    """Winding numbers of a cloud of which only some tiles are loaded.
+    """Winding numbers of a cloud's surface, 0 outside and 1 inside; only tiles of points near the queries are loaded.
 
     Parameters
     ----------
     top : (m, 8) float32
-        See `top_of`.
+        Tree of dipoles, which approximate distant points, over all tiles (4,096 points each), see `top_of`.
     tiles : int
         Number of tiles of the cloud.
     read : callable
-        Returns the splats of some tiles, given in ascending order.
+        Returns the points (`Splats`) of some tiles, given in ascending order.
     """
 
     def __init__(self, top: Floats, tiles: int, read: Callable[[Rows], Splats]) -> None:
@@ -254,14 +305,19 @@ class Winding:
 
     @classmethod
     def of(cls, splats: Splats) -> Winding:
-        """Create from a whole cloud in memory."""
+        """Prepare winding numbers of a whole cloud in memory, given as points with normals and areas."""
         trees, tiles = trees_of(splats), -(-len(splats.positions) // TILE)
         winding = cls(top_of(trees[1::NODES]), tiles, lambda _: splats)
         winding._set_loaded(np.arange(tiles), splats, trees)
         return winding
 
     def around(self, rows: Rows, step: float) -> Floats:
-        """Return the numbers `step` spacings in front of and behind points of the cloud, (m, 2)."""
+        """Return the winding numbers `step` point spacings in front of some points and behind them, (m, 2).
+
+        Tiles that are not loaded are read where they are needed.
+
+        rows : (m,) rows of the cloud
+        """
         out, needed = np.empty((len(rows), 2), np.float32), np.zeros(self._tiles, np.int8)
         self._load(np.unique(rows // TILE))
         while len(rows):
@@ -275,7 +331,7 @@ class Winding:
         return out
 
     def _load(self, tiles: Rows) -> None:
-        """Load tiles that are not loaded yet."""
+        """Load the points of some tiles (numbers of ranges of 4,096 points), unless they are loaded."""
         loaded = np.union1d(self._loaded, tiles)
         if len(loaded) == len(self._loaded):
             return

@@ -52,7 +52,15 @@ ROWS = 1 << 17  # rows of a table at a time
 
 @kernel
 def _examine(work: Array, positions: Array, rows: Array, near: Array, noises: Array, out: Array) -> int:
-    """Write to out[i] the verdict, the offset to the floor, the floor's spacing, and the points on this side of it."""
+    """Fit a surface to the neighbours of each row and decide whether the row is a stray off it.
+
+    work : gives each thread its next tile, 1024 rows
+    positions, rows : (n, 3) points, and (m,) the rows
+    near : (m, k) nearest neighbours of these rows
+    noises : (m,) standard deviation of the points around from their surface
+    out : (m, 6) receives `OFF` (certainly off the surface), `MAYBE` or `DOUBT` (off only if points next to it are); the
+        offset to the surface, x y z; its point spacing; the number of points on the row's side of it
+    """
     positions, near, out, k = borrow(positions), borrow(near), borrow(out), near.shape[1]
     first, other = new_memory(k), new_memory(k)
     tile = next_tile(work)
@@ -111,9 +119,15 @@ def _examine(work: Array, positions: Array, rows: Array, near: Array, noises: Ar
 def _join(
     work: Array, positions: Array, rows: Array, near: Array, verdicts: Array, details: Array, joins: Array, out: Array
 ) -> int:
-    """Write to joins[i] whether the row lies next to others that are off, at their height; to out[i] the new details.
+    """Decide whether rows lie next to others that are certainly off their surface, at the height of these.
 
-    verdicts, details : of all points
+    work : gives each thread its next tile, 1024 rows
+    positions, rows : (n, 3) points, and (m,) the rows
+    near : (m, k) nearest neighbours of these rows
+    verdicts : (n,) `OFF` (certainly off), `MAYBE` or `DOUBT`, of all points
+    details : (n, 5) offset to the surface, its spacing, and the number of points on this side, of all points
+    joins : (m,) receives the result
+    out : (m, 5) receives the details of such rows
     """
     positions, near, details, out = borrow(positions), borrow(near), borrow(details), borrow(out)
     tile = next_tile(work)
@@ -149,12 +163,18 @@ def _join(
 def examine_rows(
     tree: NeighborTree, positions: Floats, rows: Rows, noise: Floats, progress: Progress | None = None
 ) -> Floats:
-    """Examine some rows, with the noise around them.
+    """Fit a surface to the neighbours of each row and decide whether the row is a stray off it.
+
+    tree : of the positions
+    positions : (n, 3) in kd order
+    rows : (m,)
+    noise : (m,) standard deviation of the points around from their surface
 
     Returns
     -------
     (m, 6) float32
-        Verdict `OFF`, `MAYBE` or `DOUBT`; offset to the floor; the floor's spacing; number of points on this side.
+        `OFF` (certainly off the surface), `MAYBE` or `DOUBT` (off only if points next to it are); offset to the
+        surface, x y z; its point spacing; number of points on the row's side of it.
     """
     out = np.zeros((len(rows), 6), np.float32)
     for start in range(0, len(rows), ROWS):
@@ -166,9 +186,11 @@ def examine_rows(
 
 
 def join(tree: NeighborTree, positions: Floats, verdicts: Floats, details: Floats) -> NDArray[np.bool_]:
-    """Return which points are off: certain ones, and those next to them at their height, whose details are updated.
+    """Return which points are off their surface, (n,) bool: certain ones, and others next to these at the same height.
 
-    verdicts, details : (n,), (n, 5), see `examine_rows`
+    tree, positions : search tree of the positions, (n, 3)
+    verdicts : (n,) `OFF` (certainly off), `MAYBE` or `DOUBT` for points that were examined, else 0
+    details : (n, 5) offset to the surface, its spacing, and the number of points on this side; updated for the latter
     """
     off, rest = verdicts == OFF, np.flatnonzero((verdicts == MAYBE) | (verdicts == DOUBT))
     found_off, details_of_them = [rest[:0]], [details[:0]]

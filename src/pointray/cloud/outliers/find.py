@@ -34,11 +34,11 @@ class Strays(NamedTuple):
     layer : (n,) bool
         In a sparse second layer, up to six spacings in front of or behind a surface.
     veil : (n,) bool
-        Between foreground and background, as seen from the scanner, if that is known.
+        Mixed returns between foreground and background, as seen from the scanner, if that is known.
     floating : (n,) bool
         In a small separate group, such as a bird, or part of a person walking by.
     lone : (n,) bool
-        Isolated.
+        Isolated: off a surface, but not in a layer, or much sparser than the points around.
 
     Examples
     --------
@@ -53,11 +53,11 @@ class Strays(NamedTuple):
 
     @property
     def any(self) -> NDArray[np.bool_]:
-        """Rows of any kind, (n,) bool."""
+        """Rows that are strays of any kind, (n,) bool."""
         return np.asarray(self.layer | self.veil | self.floating | self.lone)
 
     def __str__(self) -> str:
-        """Summarize the numbers of strays."""
+        """Return the numbers of strays, of all and of each kind, as a line for users."""
         names = "in second layers", "mixed returns", "in floating groups", "isolated"
         parts = [f"{int(rows.sum()):,} {name}" for rows, name in zip(self, names, strict=True) if rows.any()]
         return f"{int(self.any.sum()):,} strays" + (f" ({', '.join(parts)})" if parts else "")
@@ -66,12 +66,15 @@ class Strays(NamedTuple):
 def find_strays(points: Points, viewpoint: ArrayLike | None = None, progress: StageProgress | None = None) -> Strays:
     """Find points that belong to no surface: second layers, veils, floating groups and isolated points.
 
+    A second layer consists of sparse points in front of a surface or behind it, as of a scan that does not fit. A veil
+    consists of mixed returns between foreground and background.
+
     Parameters
     ----------
     points : Points
     viewpoint : (3,) or (n, 3) array_like, optional
         World position of the scanner, or of the scanner that saw each point, NaN where unknown. None: the stations of
-        `points.georeference`, as for `estimate_normals`. Veils are found only where it is known.
+        `points.georeference`; the attribute "scan" holds each point's station. Veils are found only where it is known.
     progress : callable, optional
         Called as `progress(stage, share)` with the name of the stage and its completed share, 0 to 1.
 
@@ -109,8 +112,11 @@ def merge_layers(points: Points, viewpoint: ArrayLike | None = None, progress: S
     ----------
     points : Points
         The attribute "scan" or "point_source_id" holds the scan of each point.
-    viewpoint, progress
-        As for `find_strays`. Where no position is known, normals show from which side a surface was seen.
+    viewpoint : (3,) or (n, 3) array_like, optional
+        World position of the scanner, or of the scanner that saw each point, NaN where unknown. None: the stations of
+        `points.georeference`. Where no position is known, normals show from which side a surface was seen.
+    progress : callable, optional
+        Called as `progress(stage, share)` with the name of the stage and its completed share, 0 to 1.
 
     Returns
     -------
@@ -149,6 +155,7 @@ def without_strays(
     """Remove strays, with a warning that gives their number; raise a ValueError if no point would remain.
 
     name : of the points, for messages
+    viewpoint : (3,) or (n, 3) world position of the scanner; None: the stations of the georeference
     """
     strays = find_strays(points, viewpoint, progress)
     if not (~strays.any & points.finite).any():
@@ -158,7 +165,12 @@ def without_strays(
 
 
 def _classify(points: Points, viewpoint: ArrayLike | None, progress: Progress | None) -> tuple[Strays, Floats]:
-    """Return the strays, and the offset of each row to its floor."""
+    """Return the strays among points, by kind, and the offset of each point to the surface beneath it, (n, 3).
+
+    The offset is 0 where a point is not off its surface.
+
+    viewpoint : (3,) or (n, 3) world position of the scanner; None: the stations of the georeference
+    """
     check_kind(points, "points", Points, "Points")
     eyes = eyes_of(points) if viewpoint is None else check_eyes(viewpoint, len(points))
     finite = np.flatnonzero(points.finite)
@@ -178,7 +190,13 @@ def _classify(points: Points, viewpoint: ArrayLike | None, progress: Progress | 
 def _kinds(
     points: Points, rows: NDArray[np.int64], eyes: NDArray[np.float64] | None, progress: Progress | None
 ) -> tuple[NDArray[np.bool_], Floors]:
-    """Return the kinds of rows at distinct positions in kd order, (m, 4) bool, and their floors."""
+    """Classify distinct positions as strays; return their kinds, (m, 4) bool, and the surface near each.
+
+    The columns are: in a second layer, a mixed return, in a floating group, and isolated.
+
+    rows : (m,) rows of the points, in kd order
+    eyes : (3,) or (n, 3) world position of the scanner that saw each point, NaN where unknown
+    """
     positions = np.ascontiguousarray(points.positions[rows])
     floors = find_floors(positions, part_of(progress, 0.0, FLOORED))
     off = np.flatnonzero(floors.off)
@@ -198,7 +216,12 @@ def _kinds(
 def _veils(
     points: Points, positions: Floats, core: Floats, rows: NDArray[np.int64], eyes: NDArray[np.float64] | None
 ) -> NDArray[np.bool_]:
-    """Return which positions are in veils, as seen by the scanner of each."""
+    """Return which positions, (m,) bool, are mixed returns between foreground and background of their scanner.
+
+    positions, core : (m, 3), and (m,) distance of each to its eighth neighbour
+    rows : (m,) the row of `points` of each position
+    eyes : (3,) or (n, 3) world position of the scanner that saw each point, NaN where unknown
+    """
     veil = np.zeros(len(rows), np.bool_)
     if eyes is None:
         return veil

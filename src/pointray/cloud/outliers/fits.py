@@ -26,7 +26,11 @@ SPREAD = 1.5  # standard deviation over the median absolute residual, for six fi
 
 @inline
 def new_memory(k: int) -> Memory:
-    """Return memory for fits to k points."""
+    """Return the memory of one thread for robust fits of a plane and a quadric to k points.
+
+    Arrays for offsets, weights, residuals, and twice k values; terms, coefficients and Cholesky factor of the quadric;
+    eigenvalues and eigenvectors for the plane.
+    """
     d, terms = np.empty((k, 3)), np.empty((k, TERMS + 1))
     w, r, sizes, scratch = np.empty(k), np.empty(k), np.empty(k), np.empty(k)
     x, m, a, v = np.empty(TERMS), np.zeros((TERMS, TERMS)), np.empty((3, 3)), np.empty((3, 3))
@@ -35,7 +39,12 @@ def new_memory(k: int) -> Memory:
 
 @routine
 def nth(values: Array, k: int, rank: int, scratch: Array) -> float:
-    """Return the value with the given rank, from 0 (Hoare's quickselect): takes a third of an insertion sort for 48."""
+    """Return the value with the given rank, from 0, among the first k: Hoare's quickselect.
+
+    It takes a third of the time of an insertion sort for k = 48.
+
+    scratch : memory for k values
+    """
     for i in range(k):
         scratch[i] = values[i]
     low, high = 0, k - 1
@@ -60,7 +69,13 @@ def nth(values: Array, k: int, rank: int, scratch: Array) -> float:
 
 @inline
 def _weigh(r: Array, k: int, sizes: Array, scratch: Array, w: Array) -> tuple[float, float]:
-    """Write weights from residuals; return their spread, and the largest residual in spreads."""
+    """Compute weights of k points from their residuals, so that distant points hardly count.
+
+    Returns the standard deviation, estimated from the median residual, and the largest residual relative to it.
+
+    r, w : (k,) residuals; receives the weights
+    sizes, scratch : memory for k values each
+    """
     most = 0.0
     for j in range(k):
         sizes[j] = abs(r[j])
@@ -74,7 +89,10 @@ def _weigh(r: Array, k: int, sizes: Array, scratch: Array, w: Array) -> tuple[fl
 
 @inline
 def _least_ratio(a: Array) -> float:
-    """Return the least diagonal element over the second one."""
+    """Return the least variance of k points over the second least: small if they are flat.
+
+    a : (3, 3) diagonalised covariance matrix
+    """
     low, high = min(a[0, 0], a[1, 1]), max(a[0, 0], a[1, 1])
     least = min(low, a[2, 2])
     return least / max(max(low, min(high, a[2, 2])), 1e-300)
@@ -82,7 +100,14 @@ def _least_ratio(a: Array) -> float:
 
 @routine
 def _start(d: Array, k: int, w: Array, sizes: Array, scratch: Array) -> int:
-    """Give weight only to the points nearest to the middle one of the list: next to a stray, these are its floor."""
+    """Give weight 1 to the points nearest to the middle one of the list, and 0 to others.
+
+    Next to a stray, nearer points of the list may be strays, too; those in the middle lie on the surface.
+
+    d : (k, 3) neighbours of a point, nearest first
+    w : (k,) receives the weights
+    sizes, scratch : memory for k values each
+    """
     c = k // 2
     for j in range(k):
         sizes[j] = (d[j, 0] - d[c, 0]) ** 2 + (d[j, 1] - d[c, 1]) ** 2 + (d[j, 2] - d[c, 2]) ** 2
@@ -94,7 +119,11 @@ def _start(d: Array, k: int, w: Array, sizes: Array, scratch: Array) -> int:
 
 @routine
 def _planes(d: Array, k: int, second: bool, memory: Memory) -> Vec3:
-    """Return the normal of a plane through most of the points; leave weights for the quadric."""
+    """Fit a plane through most of k points robustly; return its normal, and leave weights in the memory for a quadric.
+
+    d : (k, 3) neighbours of a point, nearest first, as offsets from it
+    second : whether to start with the points in the middle of the list, for a point off the surface
+    """
     _, w, r, sizes, scratch, _, _, _, a, v = memory
     for j in range(k):
         w[j] = 1.0
@@ -121,7 +150,11 @@ def _planes(d: Array, k: int, second: bool, memory: Memory) -> Vec3:
 
 @inline
 def into_ball(positions: Array, row: int, near: Array, i: int, k: int, d: Array) -> float:
-    """Write to d the offsets of k neighbours from a point, scaled into the unit ball; return the radius."""
+    """Write to `d` the offsets of k neighbours from a point, scaled into the unit ball; return the radius before.
+
+    near : (m, k) rows of neighbours; near[i] are those of the point positions[row]
+    d : (k, 3)
+    """
     far = 1e-30
     for j in range(k):
         for c in range(3):
@@ -137,11 +170,13 @@ def into_ball(positions: Array, row: int, near: Array, i: int, k: int, d: Array)
 def fit(
     positions: Array, row: int, near: Array, i: int, k: int, second: bool, memory: Memory
 ) -> tuple[Vec3, float, float]:
-    """Fit a plane and a quadric; return the plane's normal, the noise in radii, and the radius.
+    """Fit a plane, then a quadric over it, robustly to the neighbours near[i] of the point positions[row].
 
-    Coefficients, terms and residuals stay in the memory.
+    Returns the plane's normal; the noise (standard deviation of the neighbours from the quadric), relative to the
+    radius; the radius: distance of the farthest neighbour. Coefficients, terms and residuals stay in the memory.
 
-    second : whether to start with the points in the middle of the list instead of all
+    k : number of neighbours
+    second : whether to start with the neighbours in the middle of the list instead of all, for a point off the surface
     """
     d, w, r, sizes, scratch, terms, x, m, _, _ = memory
     far = into_ball(positions, row, near, i, k, d)

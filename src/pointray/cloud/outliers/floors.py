@@ -22,14 +22,14 @@ SURVEYED = 0.7  # progress after the local fits
 
 
 class Floors(NamedTuple):
-    """Floor of each position.
+    """Floor of each position: the surface near it that most of its neighbours lie on, whether or not it does itself.
 
     off : (n,) bool, whether it lies off its floor
     is_on : (n,) bool, whether it lies on a smooth floor
     offset : (n, 3) float32, to the floor, where it is off
     spacing : (n,) float32, of the floor's points, where it is off
-    in_layer : (n,) bool, whether it is off within the distance of a second layer, with others next to it
-    core : (n,) float32, distance to its `local_fits.CORE`-th neighbour
+    in_layer : (n,) bool, whether it is off by at most 6 spacings, as in a second layer, with others next to it
+    core : (n,) float32, distance to its eighth neighbour
     near : (n, k) int32, its nearest neighbours, itself first
     """
 
@@ -43,12 +43,14 @@ class Floors(NamedTuple):
 
 
 class FloorSearch:
-    """Search for floors, part by part; a part is a set of groups, see `LocalSurfaceFits`.
+    """Search, part by part, for points that lie off their floor: the surface near them.
+
+    A part is a set of groups of four points, consecutive in kd order, which share a first fit.
 
     Parameters
     ----------
     positions : (n, 3) float32
-        Distinct, in kd order; at least `LEAST`.
+        Distinct, in kd order; at least 20.
     """
 
     def __init__(self, positions: Floats) -> None:
@@ -58,8 +60,9 @@ class FloorSearch:
         self._verdicts, self._details = np.zeros(n, np.float32), np.zeros((n, 5), np.float32)
 
     def examine(self, groups: Rows, progress: Progress | None = None, is_exact: bool = False) -> Rows:
-        """Examine some groups; return the rows that certainly lie in a layer off their floor.
+        """Examine groups of points; return the rows that certainly lie off the surface, in a second layer.
 
+        groups : (g,) ascending numbers of groups; group g holds the four rows from 4 g on
         is_exact : whether surrounding groups are fitted as well: the result then depends on no earlier call
         """
         fits = self.fits
@@ -81,11 +84,11 @@ class FloorSearch:
         return off[_in_layer(self._details[off])]
 
     def forget(self) -> None:
-        """Discard the verdicts; keep the local fits."""
+        """Discard the results of `examine`: which points lie off their surface. Keep the fitted surfaces."""
         self._verdicts[:], self._details[:] = 0.0, 0.0
 
     def floors(self) -> Floors:
-        """Return all results; rows that were not examined count as neither on nor off."""
+        """Return the surface near each point, and which points lie off it: neither on nor off if not examined."""
         fits = self.fits
         off = join(fits.tree, self._positions, self._verdicts, self._details)
         rows = np.arange(len(off)) if fits.known.all() else np.flatnonzero(np.isfinite(fits.noise))
@@ -97,13 +100,19 @@ class FloorSearch:
 
 
 def _in_layer(details: Floats) -> NDArray[np.bool_]:
-    """Return which points lie within the distance of a second layer, with others next to them; see `FloorSearch`."""
+    """Return which points are near enough to their surface for a second layer, with others next to them, (n,) bool.
+
+    details : (n, 5) offset to the surface, its point spacing, and the number of points on this side
+    """
     square = np.einsum("ij,ij->i", details[:, :3], details[:, :3])
     return np.asarray((square <= (LAYER * details[:, 3]) ** 2) & (details[:, 4] >= COMPANY))
 
 
 def find_floors(positions: Floats, progress: Progress | None = None) -> Floors:
-    """Find the floors of distinct positions in kd order; at least `LEAST` of them."""
+    """Find the surface near each position, and which positions lie off it.
+
+    positions : (n, 3) distinct, in kd order; at least 20
+    """
     floor_search = FloorSearch(positions)
     floor_search.examine(np.arange(len(floor_search.fits.known)), progress)
     return floor_search.floors()

@@ -21,7 +21,10 @@ FEW, SHARE = 20, 5e-4  # greatest number of points of a floating group, or share
 
 
 def find_sparse(floors: Floors) -> NDArray[np.bool_]:
-    """Return which points are much sparser than those around and lie on no smooth sheet of such points."""
+    """Return which points, (n,) bool, are much sparser than those around, and lie on no smooth surface of such points.
+
+    floors : the surface near each point
+    """
     least = np.ascontiguousarray(floors.core)
     for _ in range(STEPS):
         low = np.empty_like(least)
@@ -31,7 +34,12 @@ def find_sparse(floors: Floors) -> NDArray[np.bool_]:
 
 
 def find_floating(positions: Floats, floors: Floors, strays: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return which points are in small groups, far from the rest; strays link nothing."""
+    """Return which points, (n,) bool, are in small groups far from all others, such as birds.
+
+    positions : (n, 3)
+    floors : the surface near each point
+    strays : (n,) points found to be other strays, which do not connect groups
+    """
     n = len(positions)
     floating = np.zeros(n, np.bool_)
     core = np.maximum(floors.core, np.float32(np.median(floors.core)))

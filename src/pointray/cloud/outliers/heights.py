@@ -47,7 +47,14 @@ def _new_memory() -> Memory:
 
 @routine
 def _sort_out(near: Array, i: int, scans: Array, row: int, slots: Array, w: Array, known: Array) -> int:
-    """Number the scans of the neighbours, beginning with the row's own; return how many there are."""
+    """Number the scans of a row's neighbours, beginning with the row's own; return how many there are.
+
+    near : (m, 64) rows of neighbours, of which near[i] are used
+    scans : (n,) scan of each point, negative where unknown
+    slots : (64,) receives the number of each neighbour's scan, or -1
+    w : (64,) receives 1 for neighbours of scans with at least 6 of them, else 0
+    known : (8, 5) receives the number of neighbours of each of at most 8 scans in its first column
+    """
     first = np.empty(MOST, np.int64)
     first[0], count = scans[row], 1
     known[:, :] = 0.0
@@ -68,7 +75,13 @@ def _sort_out(near: Array, i: int, scans: Array, row: int, slots: Array, w: Arra
 
 @routine
 def _center(values: Array, columns: int, slots: Array, w: Array, known: Array, means: Array, out: Array) -> int:
-    """Write the values minus their scan's mean to out, and these means."""
+    """Subtract from values of 64 neighbours the mean over each one's scan; write the differences to `out`.
+
+    values : (64, c) of the neighbours; columns : how many of the c columns
+    slots, w : (64,) number of each neighbour's scan; 0 if the neighbour is not used
+    known : (8, 5) the first column holds the number of neighbours of each scan
+    means : (8, c) receives the mean over each scan
+    """
     means[:, :] = 0.0
     for j in range(AROUND):
         if w[j] > 0.0:
@@ -82,7 +95,12 @@ def _center(values: Array, columns: int, slots: Array, w: Array, known: Array, m
 
 @routine
 def _fit(memory: Memory, facing: Array, near: Array, i: int) -> Vec3:
-    """Fit the quadric to the places in the unit ball; return the normal of its plane."""
+    """Fit one quadric to the neighbours of all scans, with a separate height for each scan; return its plane's normal.
+
+    memory : holds the neighbours, scaled into the unit ball; receives height and residuals of each scan
+    facing : (n, 3) unit vectors to the scanner that saw each point
+    near : (m, 64) rows of neighbours, of which near[i] are used
+    """
     d, centered, w, slots, terms, x, m, a, v, means, known = memory
     _center(d, 3, slots, w, known, means, centered)
     n = plane(centered, w, AROUND, a, v)
@@ -114,7 +132,14 @@ def _fit(memory: Memory, facing: Array, near: Array, i: int) -> Vec3:
 
 @routine
 def _way(known: Array, count: int) -> tuple[bool, float]:
-    """Return whether the result is clear, and how far the first scan lies from the mean of the scans."""
+    """Return whether the scans around a point are clearly one surface, and how far the point's scan is from their mean.
+
+    The distance is relative to the radius of the neighbourhood.
+
+    known : (8, 5) statistics of each scan, the point's own first: number of neighbours, of those near the axis, squared
+        residual, side that was seen, height
+    count : number of scans
+    """
     inner = 0.0
     for s in range(count):
         inner += known[s, INNER]
@@ -142,7 +167,15 @@ def _way(known: Array, count: int) -> tuple[bool, float]:
 
 @kernel
 def _heights(work: Array, positions: Array, rows: Array, near: Array, scans: Array, facing: Array, out: Array) -> int:
-    """Write to out[i] the move of positions[rows[i]] to the mean of the scans, and 1 where it is clear."""
+    """Write to out[i] the move of positions[rows[i]] to the mean of the scans around it, and 1 where that is clear.
+
+    work : gives each thread its next tile, 512 rows
+    positions, rows : (n, 3) points, and (m,) the rows
+    near : (m, 64) nearest neighbours of these rows
+    scans : (n,) scan of each point, negative where unknown
+    facing : (n, 3) unit vectors to the scanner that saw each point, 0 where unknown
+    out : (m, 4) receives the move, and 1 or 0
+    """
     positions, near, facing, out = borrow(positions), borrow(near), borrow(facing), borrow(out)
     memory = _new_memory()
     d, w, slots, known = memory[0], memory[2], memory[3], memory[10]
@@ -168,7 +201,14 @@ def _heights(work: Array, positions: Array, rows: Array, near: Array, scans: Arr
 
 @kernel
 def _even_out(work: Array, moves: Array, near: Array, scans: Array, out: Array) -> int:
-    """Write to out[i] the mean move of its neighbours of the same scan."""
+    """Write to out[i] the mean move of the neighbours of point i that belong to the same scan.
+
+    work : gives each thread its next tile, 512 points
+    moves : (n, 4) move of each point, and 1 where it is clear
+    near : (n, k) rows of neighbours
+    scans : (n,) scan of each point, negative where unknown
+    out : (n, 3) zero where few of these moves are clear
+    """
     moves, near, out = borrow(moves), borrow(near), borrow(out)
     tile = next_tile(work)
     while tile >= 0:
@@ -187,18 +227,23 @@ def _even_out(work: Array, moves: Array, near: Array, scans: Array, out: Array) 
 
 
 def heights(positions: Floats, rows: Rows, near: NDArray[np.int32], scans: NDArray[np.int32], facing: Floats) -> Floats:
-    """Return the moves of points to the mean of the scans around them, and 1 where clear: (m, 4) float32.
+    """Return the moves that align misaligned scans: of each row to the mean of the scans around it, and 1 where clear.
 
     Parameters
     ----------
     positions : (n, 3) float32
     rows : (m,) int64
-    near : (m, AROUND) int32
+    near : (m, 64) int32
         Nearest neighbours of these rows.
     scans : (n,) int32
-        Negative where unknown.
+        Scan of each point, negative where unknown.
     facing : (n, 3) float32
         Unit vectors to the scanner that saw each point, 0 where unknown.
+
+    Returns
+    -------
+    (m, 4) float32
+        x, y and z of the move, and 1 where it is clear, else 0.
     """
     out = np.zeros((len(rows), 4), np.float32)
     run(_heights, -(-len(rows) // CHUNK), positions, rows, near, scans, facing, out)
@@ -206,7 +251,12 @@ def heights(positions: Floats, rows: Rows, near: NDArray[np.int32], scans: NDArr
 
 
 def even_out(moves: Floats, near: NDArray[np.int32], scans: NDArray[np.int32]) -> Floats:
-    """Return the mean of the clear moves of neighbours of the same scan, (n, 3); 0 where few are clear."""
+    """Average the moves of points over neighbours of the same scan, (n, 3); 0 where few of these are clear.
+
+    moves : (n, 4) move of each point, and 1 where it is clear
+    near : (n, k) rows of neighbours
+    scans : (n,) scan of each point, negative where unknown
+    """
     out = np.zeros((len(moves), 3), np.float32)
     run(_even_out, -(-len(moves) // CHUNK), moves, near, scans, out)
     return out

@@ -30,13 +30,13 @@ LEVEL, ALIKE = 1.0, 0.5  # greatest difference in height, in spacings; least cos
 
 
 class Part(NamedTuple):
-    """Description of the cloud that the points are a part of.
+    """Description of the cloud that some points are a part of, so that parts are treated as in the whole.
 
-    total : number of its positions
+    total : number of its distinct positions
     numbers : (m,) int64, place in its kd order of each position of the part, in order
     statistics : statistics of the whole cloud
-    blocks : its blocks that show layers, see `LayerSearch`; None: they are searched
-    ignored : numbers of stations to ignore; None: found from the points, see `eyes_of`
+    blocks : numbers of the ranges of its kd order that show second layers, see `LayerSearch`; None: they are searched
+    ignored : indices of scanner positions to ignore; None: found from the points
     """
 
     total: int
@@ -49,12 +49,12 @@ class Part(NamedTuple):
 def merge_for_model(
     points: Points, progress: Progress | None = None, ordering: KdOrdering | None = None, part: Part | None = None
 ) -> Points:
-    """Move the points of second layers and passes onto one surface; return `points` itself if nothing moves.
+    """Move the points of second layers and misaligned scans onto one surface; return `points` itself if nothing moves.
 
     Unlike `merge_layers` this examines the cloud closely only where a few ranges of the kd order show layers, and moves
-    only groups of at least `FEWEST` points: a surface without layers is unchanged, to the bit.
+    only groups of at least 50 points: a surface without layers is unchanged, to the bit.
 
-    ordering : of the points, if known
+    ordering : kd ordering of the points, if known
     part : the cloud that the points are a part of; None: they are the whole cloud
     """
     ordering = ordering or compute_kd_ordering(points)
@@ -76,7 +76,10 @@ def merge_for_model(
 
 
 def _shifts(points: Points, ordering: KdOrdering, part: Part, progress: Progress | None) -> Floats | None:
-    """Return the moves of positions in second layers, (n, 3); None without layers."""
+    """Return how positions in second layers move onto the surface, (n, 3), 0 for others; None if there are no layers.
+
+    part : the cloud that the points are a part of
+    """
     floor_search = FloorSearch(ordering.positions)
     search = LayerSearch(floor_search, part.total, part.numbers)
     if part.blocks is None:
@@ -96,7 +99,12 @@ def _shifts(points: Points, ordering: KdOrdering, part: Part, progress: Progress
 
 
 def _in_company(ordered: Floats, floors: Floors, rows: Rows) -> NDArray[np.bool_]:
-    """Return which rows, all off their floor, are in a large group at about the same height."""
+    """Return which rows, all off the surface near them, are in a large group at about the same height, (m,) bool.
+
+    ordered : (n, 3) positions in kd order
+    floors : the surface near each position
+    rows : (m,)
+    """
     m = len(rows)
     if m < FEWEST:
         return np.zeros(m, np.bool_)
@@ -111,9 +119,11 @@ def _in_company(ordered: Floats, floors: Floors, rows: Rows) -> NDArray[np.bool_
 
 
 def faces_back(points: Points, rows: NDArray[np.integer[Any]], floors: Floors, some: Rows) -> NDArray[np.bool_]:
-    """Return which positions have a given normal opposite to those around: they are the back of a thin body.
+    """Return which positions have a given normal opposite to those around, (m,) bool: they are the back of a thin body.
 
-    rows : the row of `points` of each position
+    rows : (n,) the row of `points` of each position
+    floors : the surface near each position, with its neighbours
+    some : (m,) the positions to test
     """
     if points.normals is None or len(some) == 0:
         return np.zeros(len(some), np.bool_)

@@ -11,7 +11,11 @@ CHUNK = 4096  # points of a tile
 
 @kernel
 def third_least(work: Array, values: Array, near: Array, out: Array) -> int:
-    """Write to out[i] the third least of the values of near[i]."""
+    """Write to out[i] the third least of the values of the points near[i].
+
+    work : gives each thread its next tile, 4096 points
+    values, near : (n,), and (n, k) rows
+    """
     values, near, out = borrow(values), borrow(near), borrow(out)
     tile = next_tile(work)
     while tile >= 0:
@@ -32,7 +36,13 @@ def third_least(work: Array, values: Array, near: Array, out: Array) -> int:
 
 @kernel
 def link(work: Array, positions: Array, near: Array, reach: Array, strays: Array, out: Array) -> int:
-    """Write to out[i, j] whether point i is within the reach of its neighbour near[i, j]; strays are not linked."""
+    """Write to out[i, j] whether point i is within the reach of its neighbour near[i, j]; strays never are.
+
+    work : gives each thread its next tile, 4096 points
+    positions, near : (n, 3), and (n, k) rows of neighbours
+    reach : (n,) greatest distance to each point
+    strays : (n,) bool
+    """
     positions, near, reach, out = borrow(positions), borrow(near), borrow(reach), borrow(out)
     tile = next_tile(work)
     while tile >= 0:

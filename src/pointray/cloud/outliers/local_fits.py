@@ -33,10 +33,13 @@ ROWS = 1 << 15  # groups of a table at a time
 def _keep(
     positions: Array, row: int, near: Array, reach: Array, i: int, aside: float, kept: Array, away: Array
 ) -> float:
-    """Write the nearest of the candidates near[i] to kept[row]; return the distance of the last.
+    """List the nearest of a group's candidates for one of its points, row `row`; return the distance of the last.
 
-    reach : distances of the candidates from the middle of the group
+    near : (m, k) rows of the candidates, nearest to the group's middle first, of which near[i] are used
+    reach : (m, k) distances of the candidates from the middle
     aside : distance of the row from the middle
+    kept : (n, c) receives the neighbours of the row
+    away : memory for c squared distances
     """
     most = kept.shape[1]
     for j in range(near.shape[1]):
@@ -62,13 +65,16 @@ def _keep(
 def _survey(
     work: Array, positions: Array, members: Array, near: Array, reach: Array, about: Array, kept: Array, is_done: Array
 ) -> int:
-    """Fit a surface to each group; write each member's height above it, its noise and spacing, the distance to the
-    member's `CORE`-th neighbour, and its neighbours.
+    """Fit a surface to each group of points; write where its points lie relative to that, and their neighbours.
 
-    members : (m, g) rows, the middle one first
+    work : gives each thread its next tile, 256 groups
+    members : (m, g) rows of each group, the middle one first
     near : (m, k) nearest neighbours of the middle one
     reach : (m, k) their distances from it
-    is_done : (n,) 1 for rows that are done, 0 for those too far from the middle
+    about : (n, 4) receives each point's height above the surface, the noise and the point spacing of the surface, and
+        the distance to the point's eighth neighbour
+    kept : (n, c) receives the nearest neighbours of each point
+    is_done : (n,) receives 1 for rows that are done, 0 for those too far from the middle
     """
     positions, near, about, kept = borrow(positions), borrow(near), borrow(about), borrow(kept)
     k, whole = min(AROUND, near.shape[1]), near.shape[1] == len(positions)
@@ -99,7 +105,14 @@ def _survey(
 
 @kernel
 def _share(work: Array, rows: Array, about: Array, near: Array, out: Array) -> int:
-    """Write to out[i] the median of noise over spacing around rows[i], times the row's spacing; NaN is skipped."""
+    """Write the noise typical around each row: the median of noise over spacing of its neighbours, times its spacing.
+
+    work : gives each thread its next tile, 256 rows
+    rows : (m,)
+    about : (n, 4) noise and spacing in the second and the third column; neighbours with NaN are skipped
+    near : (n, k) rows of neighbours
+    out : (m,) NaN if there is none
+    """
     about, near, out, k = borrow(about), borrow(near), borrow(out), near.shape[1]
     values, scratch = np.empty(k), np.empty(k)
     tile = next_tile(work)
@@ -117,15 +130,16 @@ def _share(work: Array, rows: Array, about: Array, near: Array, out: Array) -> i
 
 
 class LocalSurfaceFits:
-    """Local surface fits at distinct positions in kd order; NaN where none was made.
+    """Surfaces fitted robustly to groups of four points, consecutive in kd order; NaN where none was fitted.
 
     Attributes
     ----------
     tree : NeighborTree
+        Of all positions.
     height, noise, spacing : (n,) float32
-        Distance of each position from the fitted surface, and the surface's noise and spacing.
+        Distance of each position from the fitted surface, and the surface's noise and point spacing.
     core : (n,) float32
-        Distance to its `CORE`-th neighbour.
+        Distance to its eighth neighbour.
     near : (n, k) int32
         Its nearest neighbours, itself first.
     known : (m,) bool
@@ -141,7 +155,10 @@ class LocalSurfaceFits:
         self.known = np.zeros(-(-n // GROUP), np.bool_)
 
     def examine(self, groups: Rows, progress: Progress | None = None) -> None:
-        """Fit some groups, unless they are fitted already."""
+        """Fit surfaces to some groups of four points, unless they are fitted already.
+
+        groups : (g,) numbers of groups; group g holds the four rows from 4 g on
+        """
         groups = groups[~self.known[groups]]
         self.known[groups] = True
         for start in range(0, len(groups), ROWS):
@@ -157,13 +174,18 @@ class LocalSurfaceFits:
             report_progress(progress, min((start + ROWS) / len(groups), 1.0))
 
     def shared(self, rows: Rows) -> Floats:
-        """Return the median noise of some points' neighbours, (m,): that of one neighbourhood varies by a tenth."""
+        """Return the noise typical around some rows, (m,): the median over neighbours, as fits vary by a tenth."""
         out = np.empty(len(rows), np.float32)
         run(_share, -(-len(rows) // CHUNK), rows, self._about, self.near, out)
         return out
 
     def _fit(self, members: Rows) -> NDArray[np.bool_]:
-        """Fit groups of rows, the middle one first; return which rows are done, (n,) bool."""
+        """Fit a surface to each group of rows; return which rows are done, (n,) bool.
+
+        Those far from their group's middle are not: they need neighbours of their own.
+
+        members : (m, g) rows of each group, the middle one first
+        """
         is_done = np.zeros(len(self._positions), np.bool_)
         reach, near = self.tree.query(CANDIDATES, self._positions[members[:, 0]])
         run(_survey, -(-len(members) // CHUNK), self._positions, members, near, reach, self._about, self.near, is_done)
@@ -171,7 +193,10 @@ class LocalSurfaceFits:
 
 
 def _pairs(groups: Rows, chosen: NDArray[np.bool_]) -> Rows:
-    """Return the chosen rows of each group in pairs, (m, 2); an odd one is paired with itself."""
+    """Return the chosen rows of each group in pairs, (p, 2); an odd one is paired with itself.
+
+    groups, chosen : (m, 4) rows of each group, and which of them are chosen
+    """
     order = np.argsort(~chosen, axis=1, kind="stable")
     rows, chosen = np.take_along_axis(groups, order, axis=1), np.take_along_axis(chosen, order, axis=1)
     pairs, both = rows.reshape(-1, 2), chosen.reshape(-1, 2)
@@ -179,7 +204,10 @@ def _pairs(groups: Rows, chosen: NDArray[np.bool_]) -> Rows:
 
 
 def _middle_first(positions: Floats, rows: Rows) -> Rows:
-    """Return groups of rows, (m, g), with the row nearest to the group's mean first."""
+    """Return groups of rows, (m, g), with the row nearest to the mean position of its group first.
+
+    positions, rows : (n, 3), and (m, g)
+    """
     places = positions[rows]
     away = ((places - places.mean(axis=1, keepdims=True)) ** 2).sum(axis=2)
     return np.take_along_axis(rows, away.argsort(axis=1), axis=1)

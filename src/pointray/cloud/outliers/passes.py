@@ -37,7 +37,7 @@ def merge_passes(
     statistics: CloudStatistics | None = None,
     ignored: tuple[int, ...] | None = None,
 ) -> Points:
-    """Move misaligned scans onto their mean, weighted by density and noise.
+    """Move misaligned scans of one surface onto their mean, weighted by density and noise.
 
     Parameters
     ----------
@@ -45,15 +45,15 @@ def merge_passes(
         The attribute "scan" or "point_source_id" holds the scan of each point, an integer from 0. Without it nothing is
         moved, and points with other values stay.
     eyes : (3,) or (n, 3) float64, optional
-        Viewpoint of each point. None: the stations of the points; where they are unknown, normals, if any, show from
-        which side the surface was seen.
+        Scanner position that saw each point. None: the stations of the points; where they are unknown, normals, if any,
+        show from which side the surface was seen.
     progress : callable, optional
     ordering : KdOrdering, optional
         The ordering of the points, if known.
     statistics : CloudStatistics, optional
         Of the cloud that the points are a part of. None: they are the whole cloud.
     ignored : tuple of int, optional
-        Stations to ignore, see `eyes_of`.
+        Indices of stations to ignore; None: those from which their points cannot have been seen.
 
     Returns
     -------
@@ -88,7 +88,12 @@ def merge_passes(
 def _shifts(
     ordered: Floats, tree: NeighborTree, scans: NDArray[np.int32], facing: Floats, progress: Progress | None
 ) -> Floats:
-    """Return the move of each point, (n, 3)."""
+    """Return how each point moves to the mean of the misaligned scans around it, (n, 3).
+
+    ordered, tree : (n, 3) positions in kd order, and their search tree
+    scans : (n,) scan of each point, negative where unknown
+    facing : (n, 3) unit vectors to the scanner that saw each point, 0 where unknown
+    """
     n = len(ordered)
     moves, near = np.zeros((n, 4), np.float32), np.empty((n, KEPT), np.int32)
     for start in range(0, n, ROWS):
@@ -100,7 +105,7 @@ def _shifts(
 
 
 def _scans_of(points: Points) -> NDArray[np.int32] | None:
-    """Return the scan of each point, (n,), -1 where unknown; None if there are fewer than two."""
+    """Return the scan of each point by its attributes, (n,), -1 where unknown; None with fewer than two scans."""
     for name in IDS:
         values = points.attributes.get(name)
         if values is None or values.ndim != 1 or values.dtype == np.bool_:
@@ -114,7 +119,10 @@ def _scans_of(points: Points) -> NDArray[np.int32] | None:
 
 
 def _facing(points: Points, eyes: NDArray[np.float64] | None) -> Floats | None:
-    """Return unit vectors to the side from which each point was seen, (n, 3), 0 where unknown; None if all are."""
+    """Return unit vectors to the side from which each point was seen, (n, 3), 0 where unknown; None if all are unknown.
+
+    eyes : (3,) or (n, 3) world position of the scanner; where it is unknown, normals show the side
+    """
     facing = np.zeros((len(points), 3), np.float32)
     ways = [] if eyes is None else [eyes - points.world]
     if points.normals is not None:

@@ -22,17 +22,23 @@ SEEDS = 0.5  # progress if no layer is found
 
 
 def block_size(total: int) -> int:
-    """Return the number of points of a block, a power of two, at most 2,048. total : points of the cloud"""
+    """Return how many consecutive points in kd order are searched for second layers at once: a power of two to 2,048.
+
+    total : points of the cloud
+    """
     return RANGE << min(max(total // SAMPLE, 1).bit_length() - 1, SHARE.bit_length() - 1)
 
 
 class LayerSearch:
-    """Search for layers among some points of a cloud.
+    """Search for second layers (misaligned scans near a surface) by blocks of the kd order of a cloud.
+
+    A block, up to 2,048 consecutive points, is examined if a few points in its middle show a layer, or if a layer
+    continues from an adjacent block.
 
     Parameters
     ----------
     floor_search : FloorSearch
-        Without any results yet.
+        Examines the points; without any results yet.
     total : int
         Number of points of the cloud.
     numbers : (m,) int64
@@ -47,18 +53,24 @@ class LayerSearch:
         self._is_seed = starts % size // RANGE == size // RANGE // 2
 
     def seeds(self, progress: Progress | None = None) -> Rows:
-        """Return the blocks whose middle shows a layer, ascending."""
+        """Return the numbers of the blocks of the cloud in whose middle points lie in a second layer, ascending."""
         off = self._off(np.flatnonzero(self._is_seed), False, progress)
         self._floor_search.forget()
         return np.unique(self._blocks[off // RANGE])
 
     def open(self, blocks: Rows, progress: Progress | None = None) -> Rows:
-        """Examine all given points of some blocks; return the blocks in which their layers may continue, ascending."""
+        """Examine all points of some blocks; return the blocks in which their second layers may continue.
+
+        blocks : numbers of ranges of the cloud's kd order
+        """
         off = self._off(np.flatnonzero(np.isin(self._blocks, blocks)), True, progress)
         return np.unique(self._blocks[self._floor_search.fits.near[off].ravel() // RANGE])
 
     def examine_all(self, progress: Progress | None = None) -> None:
-        """Examine all blocks that show layers, and those in which they continue."""
+        """Examine the points of all blocks that show second layers, and of those in which they continue.
+
+        `FloorSearch.floors` then returns the results.
+        """
         todo = known = self.seeds(part_of(progress, 0.0, SEEDS))
         while len(todo):
             share = len(known) / (int(self._blocks[-1]) + 1)
@@ -68,7 +80,10 @@ class LayerSearch:
         report_progress(progress, 1.0)
 
     def _off(self, ranges: Rows, is_exact: bool, progress: Progress | None) -> Rows:
-        """Return the rows off their floor in those ranges that show a layer."""
+        """Examine some ranges of 64 points; return the rows that lie in a second layer, where a range has at least two.
+
+        is_exact : whether the result must not depend on ranges examined earlier
+        """
         groups = (RANGE // GROUP * ranges[:, None] + np.arange(RANGE // GROUP)).ravel()
         groups = groups[groups < len(self._floor_search.fits.known)]
         off = self._floor_search.examine(groups, progress, is_exact)

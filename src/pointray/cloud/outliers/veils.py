@@ -29,13 +29,13 @@ SPARSE = 2.5  # least ratio of distances to neighbours in space, to those of adj
 
 
 def find_veils(positions: Floats, core: Floats, eye: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which positions are isolated between nearer and farther points.
+    """Return which positions, (n,) bool, are mixed returns: isolated between foreground and background of a scanner.
 
     Parameters
     ----------
     positions : (n, 3) float32
     core : (n,) float32
-        Distance to each one's `local_fits.CORE`-th neighbour.
+        Distance of each to its eighth neighbour.
     eye : (3,) float64
         The scanner, relative to the origin of the positions.
     """
