@@ -16,7 +16,7 @@ RUNS, RUN = 64, 2048  # ranges of the kd order that represent a large cloud, and
 
 
 @kernel
-def _count_agreement(positions: Array, normals: Array, rows: Array, near: Array) -> int:
+def _count_disagreements(positions: Array, normals: Array, rows: Array, near: Array) -> int:
     """Count pairs of neighbours whose normals face opposite sides of a surface, though no wall lies between them.
 
     From either side of a wall the other lies behind (of a slit: in front). With random signs both are equally frequent;
@@ -50,7 +50,7 @@ def sample_rows(count: int) -> NDArray[np.int64]:
     return (starts[:, None] + np.arange(RUN)).ravel()
 
 
-def agreement_share(positions: Floats, normals: Floats, order: NDArray[np.int32] | None = None) -> float:
+def disagreement_share(positions: Floats, normals: Floats, order: NDArray[np.int32] | None = None) -> float:
     """Return the share of pairs of neighbours, 0 to 1, whose normals face opposite sides, by a sample of the points.
 
     positions, normals : (n, 3)
@@ -64,4 +64,4 @@ def agreement_share(positions: Floats, normals: Floats, order: NDArray[np.int32]
         return 0.0
     rows = np.arange(0, len(ordered), 4)
     near = neighbors(ordered, 4, ordered[rows])[1][:, 1:]
-    return float(_count_agreement(ordered, unit, rows, np.ascontiguousarray(near)) / near.size)
+    return float(_count_disagreements(ordered, unit, rows, np.ascontiguousarray(near)) / near.size)

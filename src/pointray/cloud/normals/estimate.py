@@ -15,7 +15,7 @@ from ..kd_ordering import KdOrdering, compute_kd_ordering
 from ..neighbors import distinct, neighbor_chunks, neighbors
 from ..points import Points
 from . import stations
-from .consistency import agreement_share
+from .consistency import disagreement_share
 from .jets import Fits, Planes, fit_normals
 from .layers import Layers, signs_facing
 from .orientation import NEAR, orient
@@ -195,7 +195,7 @@ def repair_normals(
     unit, sound = repaired.unit, repaired.sound
     messages, whole = describe_repairs(repaired.lost, repaired.odd, len(points)), bool(sound.all())
     known, facing = (points.positions, unit) if whole else (points.positions[sound], unit[sound])
-    share = agreement_share(known, facing, ordering.rows if ordering and whole else None)
+    share = disagreement_share(known, facing, ordering.rows if ordering and whole else None)
     if share > DISAGREE:
         eyes = _stations_of(points)
         advice = "" if eyes is not None else " (pass viewpoint= to estimate_normals if known)"

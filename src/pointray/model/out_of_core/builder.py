@@ -18,7 +18,7 @@ from ...base.progress import Progress, part_of
 from ...base.warning_log import warn
 from ...cloud.denoising.noise import NoiseRanges, raise_to_typical
 from ...cloud.georeference import SCAN
-from ...cloud.normals.consistency import agreement_share, sample_rows
+from ...cloud.normals.consistency import disagreement_share, sample_rows
 from ...cloud.normals.estimate import DISAGREE, describe_repairs
 from ...cloud.normals.stations import warn_of_ignored
 from ...cloud.normals.units import to_units
@@ -264,7 +264,7 @@ class OutOfCoreBuilder:
         where = columns[self._cloud.latest(stages.MERGED, stages.POSITIONS)]
         unit, length = to_units(columns[stages.GIVEN][rows])
         good = np.flatnonzero(length > 0)
-        share = agreement_share(where[rows][good], unit[good], np.arange(len(good), dtype=np.int32))
+        share = disagreement_share(where[rows][good], unit[good], np.arange(len(good), dtype=np.int32))
         if share > DISAGREE:
             turn_given(self._work, self._cloud, (MERGED_AT, TURNED_AT))
             opposite = f"{100 * share:.0f}% of neighbouring normals face opposite sides"

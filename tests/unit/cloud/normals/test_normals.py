@@ -5,7 +5,7 @@ from helpers.clouds import sphere_points
 from helpers.marks import long
 from helpers.places import shared_model
 from pointray.cloud.neighbors import distinct, kd_order, neighbors
-from pointray.cloud.normals.consistency import agreement_share
+from pointray.cloud.normals.consistency import disagreement_share
 from pointray.cloud.normals.estimate import estimate_normals, repair_normals
 from pointray.cloud.normals.jets import fit_normals, measure_noise
 from pointray.cloud.normals.orientation import agree
@@ -353,7 +353,7 @@ OPEN = ["potree_lion_takanawa_rgb", "outcrop_qcompass_rgb", "autzen_stadium_crop
 @pytest.mark.parametrize("name", [*CLOSED, *OPEN, "tls_pumpA_rgb"])
 def test_only_flipped_normals_of_scans_cause_a_warning(name):
     points = read(shared_model(f"points/{name}.ply"))
-    assert agreement_share(points.positions, points.normals) < 0.01
+    assert disagreement_share(points.positions, points.normals) < 0.01
     assert not looks_inward(points.positions, points.normals)
     assert looks_inward(points.positions, -points.normals) == (name in CLOSED)
 
