@@ -90,7 +90,7 @@ def _means(
 
 
 def _between(mean: NDArray[np.float64], low: NDArray[Any], high: NDArray[Any]) -> NDArray[Any]:
-    """Convert float means to the dtype of `low` and `high`, the extremes of the averaged values, and clip them to these."""
+    """Convert means to the dtype of `low` and `high`, the extremes of the averaged values, and clip them to these."""
     inside = (mean > low) & (mean < high)
     return np.where(inside, np.where(inside, mean, 0).astype(low.dtype), np.where(mean <= low, low, high))
 
