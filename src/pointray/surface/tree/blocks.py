@@ -18,7 +18,11 @@ CHUNK = 4096  # blocks per tile
 def _fill_blocks(
     work: Array, order: Array, positions: Array, normals: Array, radii: Array, out: tuple[Array, Array]
 ) -> int:
-    """Copy splats into blocks and bound each block. out : blocks; bounds (blocks * 4: centre, radius)"""
+    """Copy splats into blocks of four and bound each block by a sphere.
+
+    order : rows of the splats, in the order of the blocks; out : blocks (see `make_blocks`); spheres (blocks * 4:
+        centre, radius)
+    """
     blocks, bounds = out
     tile = next_tile(work)
     while tile >= 0:
@@ -57,7 +61,15 @@ def make_blocks(
     order: NDArray[np.int32],
     threads: int | None = None,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Pack splats into blocks in the given order, and bound each block by a sphere.
+    """Pack splats into blocks of four in the given order, and bound each block by a sphere.
+
+    Parameters
+    ----------
+    positions, normals : (n, 3) float32
+    radii : (n,) float32
+        Support radii.
+    order : (n,) int32
+        Rows of the splats, neighbours together.
 
     Returns
     -------
