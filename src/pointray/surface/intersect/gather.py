@@ -118,7 +118,7 @@ def _distances(capsule: Capsule, x: F16, y: F16, z: F16) -> F16:
 
 @inline
 def list_blocks(tree: Tree, leaf: int, capsule: Capsule, scratch: Scratch) -> None:
-    """Write the leaf's blocks whose bounding sphere meets the capsule to `scratch.near`."""
+    """Write the leaf's blocks whose bounding sphere meets a capsule to `scratch.near`. capsule : region around rays"""
     first, count = tree.spans[2 * leaf], tree.spans[2 * leaf + 1]
     n = 0
     for group in range(first, first + count):

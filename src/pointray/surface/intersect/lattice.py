@@ -20,9 +20,9 @@ NONZERO_BEGIN = f32(1e-30)  # replaces 0 as the start of a ray, so that it can h
 class SampleRange(NamedTuple):
     """Samples of 16 rays, or four, to evaluate in a voxel: a range of the lattice t = k step.
 
-    first, last : indices k of the first and the last one; begin : t where the ray begins
-        if that is in the range, so that the start rule applies; else negative: the ray begins elsewhere, or on no
-        surface
+    first, last : indices k of the first and the last sample
+    begin : t where the ray begins if that is in the range, so that the start rule applies; negative if the ray begins
+        elsewhere, or on no surface
     """
 
     first: F16

@@ -89,9 +89,9 @@ class Foot(NamedTuple):
 class Root(NamedTuple):
     """A root of f between two samples of each ray.
 
-    t : inf for none; rise : half of the rise of f over the last interval around the root; foot : normal and distance
-        there
-    joined : mask, the foot is interpolated between two close samples; elsewhere it is unknown
+    t : inf for none; rise : half of the rise of f over the last interval around the root
+    joined : mask, `foot` is interpolated between two close samples; elsewhere it is unknown
+    foot : normal at the root, and its distance from the splats
     """
 
     t: F16
@@ -186,7 +186,8 @@ def unit(foot: Foot) -> tuple[tuple[F16, F16, F16], Mask]:
 def _between(foot: Foot, after: Any, share: F16) -> Foot:
     """Interpolate normal and distance between a sample and the one before it; 0 without a bit.
 
-    after : bits of the samples, one for each ray; share : 0 at the previous sample to 1 at this one
+    foot : both at all samples; after : bits of the second samples, one for each ray; share : 0 at the first, 1 at the
+        second
     """
     before, after = mask16(after >> 4), mask16(after)
     nothing = broadcast16(ZERO)
@@ -201,7 +202,7 @@ def _between(foot: Foot, after: Any, share: F16) -> Foot:
 
 @inline
 def choose(mask: Mask, a: Foot, b: Foot) -> Foot:
-    """Select `a` in the lanes where the mask is set, else `b`."""
+    """Return normal and distance at roots from `a` in the lanes where the mask is set, else from `b`."""
     return Foot(
         select(mask, a.nx, b.nx), select(mask, a.ny, b.ny), select(mask, a.nz, b.nz), select(mask, a.away, b.away)
     )

@@ -307,7 +307,7 @@ def room_for(count: int) -> Closed:
 def measure_closed(table: NDArray[np.float32], neighborhood: Neighborhood) -> Closed:
     """Measure Voronoi cells, 16 at a time; special cases become UNSURE and are left to the slower `measure_cells`.
 
-    table : positions and normals of all points, see `pack_table`; neighborhood : the points to measure, and their
+    table : positions and normals of all points, see `pack_table`; neighborhood : points to measure, and their
         neighbours
 
     With fewer than 16 points, or up to 8 columns of neighbours, all cells become UNSURE.
@@ -339,7 +339,7 @@ def _pack(work: Array, positions: Array, normals: Array, out: Array) -> int:
 
 
 def pack_table(positions: NDArray[np.float32], normals: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Pack (n, 3) positions, (n, 3) normals and two zeros into rows of eight, flat, so that a row is one cache line."""
+    """Pack (n, 3) positions, (n, 3) normals and two zeros into rows of eight, flat, to load a point at once."""
     out = np.empty((len(positions), 8), np.float32)
     run(_pack, -(-len(out) // CHUNK), np.ascontiguousarray(positions), np.ascontiguousarray(normals), out)
     return out.reshape(-1)

@@ -28,7 +28,7 @@ Seen: TypeAlias = tuple[Array, int]  # last mark of each splat; mark of this tra
 def _choose(work: Array, splats: Splats, area: Array, times: Array) -> Array:
     """Choose the splat that newly covers the largest area, until all points are covered; return the chosen rows.
 
-    area : (n,) area of each point; times : (n,) number of chosen splats over each point, updated
+    area : (n,) area that each point represents; times : (n,) number of chosen splats over each point, updated
     """
     keys, rows = np.empty(len(splats.seeds), np.float32), np.empty(len(splats.seeds), np.int32)
     size = number = 0
@@ -52,7 +52,7 @@ def _choose(work: Array, splats: Splats, area: Array, times: Array) -> Array:
 def _gain(splats: Splats, s: int, area: Array, times: Array) -> float:
     """Return the area that splat s would newly cover.
 
-    area : (n,) area of each point; times : (n,) number of chosen splats over each point
+    area : (n,) area that each point represents; times : (n,) number of chosen splats over each point
     """
     gain = f32(0.0)
     for k in range(splats.starts[s], splats.starts[s + 1]):

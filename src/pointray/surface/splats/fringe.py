@@ -68,6 +68,8 @@ def _survey(
 ) -> int:
     """Count the neighbours on a rough sheet with each row; find rims, where these leave half of all directions open.
 
+    On a rough sheet are points near an arc, with similar normals.
+
     cloud : flat positions and normals; neighborhood : rows (m,), and each row with its neighbours (m, k)
     counts : (m,) output; out : (m, 3) output, direction of a gap over 180 degrees wide, or zero; empty if not needed
     """
@@ -147,6 +149,8 @@ def _counts(
     cloud: tuple[Floats, Floats], rows: Rows, near: NDArray[np.int32], directions: bool = False
 ) -> tuple[Floats, Floats]:
     """Return the number of neighbours on a rough sheet with each row, (m,), and the outward direction at rims.
+
+    On a rough sheet are points near an arc, with similar normals.
 
     cloud : flat positions and normals; near : (m, k) each row and its neighbours
     directions : whether to compute the second result: (m, 3), the middle of the gap where these neighbours leave over

@@ -67,8 +67,9 @@ def bend(positions: Array, normals: Array, i: int, j: int) -> tuple[float, float
 def _agree(positions: Array, normals: Array, i: int, j: int) -> bool:
     """Return whether points i and j, on two sides of a gap, belong to one smooth surface.
 
-    Their normals differ by at most 35 degrees, and both are near an arc perpendicular to them. positions, normals :
-    flat
+    positions, normals : flat
+
+    Their normals differ by at most 35 degrees then, and both are near an arc perpendicular to them.
     """
     cosine, off = bend(positions, normals, i, j)
     return cosine >= SLOPE and off <= PLANE
@@ -220,7 +221,10 @@ class Limits(NamedTuple):
     others: NeighborTree | None
 
     def are_mixed(self, positions: Floats, reach: Floats) -> NDArray[np.bool_]:
-        """Return which discs cover at least two scattered points, (m,). positions : (m, 3) centres; reach : (m,)"""
+        """Return which discs cover at least two scattered points, (m,).
+
+        positions : (m, 3), the centres of the discs; reach : (m,), their radii
+        """
         if self.others is None or not len(positions):
             return np.zeros(len(positions), np.bool_)
         return np.asarray(self.others.query(MIXED, positions).distances[:, -1] < reach)
@@ -258,9 +262,10 @@ def find_limits(
 
 
 def largest_reach(positions: Floats, statistics: CloudStatistics) -> float:
-    """Return the largest radius of a disc in disorder, or of a sphere, in the unit of the positions.
+    """Return the largest reach of a disc in disorder, or radius of a sphere, in the unit of the positions.
 
-    It covers less than 2% of an image that the cloud fills. Clouds of up to 20 points have no limit.
+    The reach is the distance to the farthest vertex of a Voronoi cell. The limit covers less than 2% of an image that
+    the cloud fills. Clouds of up to 20 points have none.
     """
     count = len(positions)
     share = statistics.get_or_compute(

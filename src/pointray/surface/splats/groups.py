@@ -57,9 +57,11 @@ class Groups(NamedTuple):
 
 @kernel
 def _codes(work: Array, positions: Array, normals: Array, low: Array, cell: float, codes: Array) -> int:
-    """Write three numbers for each splat, equal for splats that share a grid cell and face the same main direction.
+    """Write three numbers for each splat, equal for splats in one grid cell that face the same of six directions.
 
     low : (3,) origin of the grid; cell : edge length; codes : (n, 3) float32, output
+
+    The directions are those of the axes, and their opposites.
     """
     positions, normals, codes = borrow(positions), borrow(normals), borrow(codes)
     tile = next_tile(work)
@@ -139,7 +141,7 @@ def _reach(work: Array, splats: tuple[Array, Array, Array], order: Array, starts
 
 
 def groups_in_cells(positions: Floats, normals: Floats, cell: float, low: Floats | None = None) -> Groups:
-    """Group splats by grid cell and by the main direction, of six, that they face; in the order of their first rows.
+    """Group splats by grid cell and by the axis direction, of six, that they face; in the order of their first rows.
 
     cell : edge length of the cells; low : (3,) float32, origin of the grid. None: the least coordinates
     """
@@ -150,7 +152,7 @@ def groups_in_cells(positions: Floats, normals: Floats, cell: float, low: Floats
 
 
 def cell_numbers(positions: Floats, normals: Floats, cell: float, low: Floats) -> NDArray[np.int64]:
-    """Return a number for each splat, (n,), equal for splats that share a grid cell and face the same main direction.
+    """Return a number for each splat, (n,), equal for splats in one grid cell that face the same of six directions.
 
     cell : edge length of the cells; low : (3,) float32, origin of the grid
     """

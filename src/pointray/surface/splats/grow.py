@@ -67,7 +67,7 @@ class Splats(NamedTuple):
 
     @property
     def owners(self) -> NDArray[np.int64]:
-        """Index of the splat of each of `members`."""
+        """Index of the splat that covers each point in `members`."""
         return np.repeat(np.arange(len(self.seeds)), np.diff(self.starts))
 
 

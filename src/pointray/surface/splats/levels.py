@@ -59,7 +59,7 @@ class Coarse(NamedTuple):
 def coarsen(
     points: Points, radii: Floats, cell: float, noise: Floats | None = None
 ) -> tuple[Points, Floats, Floats | None]:
-    """Make a coarser level of detail: average the points in each grid cell that face the same of six main directions.
+    """Make a coarser level of detail: average the points in each grid cell that face the same of six axis directions.
 
     Parameters
     ----------

@@ -79,8 +79,8 @@ def _middle_of8(values: Array, near: Array, start: int, width: int, memory: Arra
 def _medians(work: Array, values: Array, near: Array, width: int, own: int, out: Array) -> int:
     """Write the median of the values of each point's 8 nearest neighbours.
 
-    near : flat, `width` rows for each point: the point, then its neighbours; own : 1 to include the point's value, else
-        0
+    near : flat, `width` rows for each point: the point, then its neighbours
+    own : 1 to include the point's own value, else 0
     """
     values, near, out = borrow(values), borrow(near), borrow(out)
     memory = np.empty(8 * 16, np.float32)

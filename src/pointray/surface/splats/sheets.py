@@ -23,8 +23,7 @@ CHUNK = 2048
 def _find(work: Array, cloud: tuple[Array, Array, Array], neighborhood: tuple[Array, Array], out: Array) -> int:
     """Set out[i] to 1 where a neighbour faces away from splat i and the support of either reaches the other's sheet.
 
-    cloud : flat positions, normals and radii; neighborhood : rows of the splats (m,), and each with its neighbours (m,
-        k)
+    cloud : flat positions, normals and radii; neighborhood : rows of the splats, and each with its neighbours (m, k)
     """
     (positions, normals, radii), (rows, near), out = borrow(cloud), borrow(neighborhood), borrow(out)
     tile = next_tile(work)

@@ -251,7 +251,9 @@ def _measure(
 ) -> int:
     """Write the distance to the farthest vertex of each row's Voronoi cell, and whether the cell is closed.
 
-    rows : (m,) the points; near : (m, k) each point, then its neighbours, nearest first
+    With typical distances, the second result is whether the surface continues there.
+
+    rows : (m,) the points; near : (m, k) each point, then its neighbours, nearest first; out : (m,) for both results
     known : outward directions at possible gaps, flat, and typical distances to the farthest vertex (both may be empty);
         the widest gap that is closed, in these distances
     """

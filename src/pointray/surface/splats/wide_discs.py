@@ -175,9 +175,8 @@ def _first_medians(values: Floats, otherwise: np.float32) -> Floats:
 def _spare(positions: Floats, reach: Floats, supporters: Supporters, typical: np.float32, reach_around: Floats) -> None:
     """Reduce the reach of dense points beside sparse ones, in place: both would cover the gap between them.
 
-    reach : (n,) distance to the farthest vertex of each point's Voronoi cell; reach_around : its median around each
-        point
-    typical : its median over all points; supporters : wide discs, with similar ones close by on a sheet with them
+    reach : (n,) distance to the farthest vertex of each point's Voronoi cell; typical : its median over all points
+    reach_around : (n,) its median around each point; supporters : wide discs, with similar ones on one sheet with them
     """
     crowded = reach > np.maximum(CROWDED * reach_around, NOTICE * typical)
     some = crowded[supporters.rows]

@@ -44,10 +44,10 @@ HitArrays: TypeAlias = tuple[Array, Array, Array, Array, Array, Array, Array, Ar
 
 @inline
 def ray_at(shape: tuple[int, int], batch: int, k: int) -> int:
-    """Return the index of ray k of a batch, or -1 if there is none.
+    """Return the index of ray k of a batch, or -1 if there is none. k : 0 to 1023
 
-    shape : height and width of an image, whose squares follow a Morton curve, so that consecutive rays are close
-        together; or 1 and the number of rays, which keep their order
+    shape : height and width of an image, in which each batch is a square that follows a Morton curve, so that
+        consecutive rays are close together; or 1 and the number of rays, which keep their order
     """
     height, width = shape
     if height == 1:
@@ -70,7 +70,7 @@ def batches(shape: tuple[int, int]) -> int:
 
 @inline
 def _is_ordinary(square: float) -> bool:
-    """Return whether a direction of this squared length is traced unchanged, as float64 can hold its square."""
+    """Return whether a direction of this squared length is traced unchanged, being neither too short nor too long."""
     return (SHORT < square) & (square < LONG)
 
 
@@ -129,9 +129,9 @@ def _set_rays(
 def _closest(
     work: Array, world: World, origins: Array, directions: Array, limits: Array, shape: tuple[int, int], out: HitArrays
 ) -> int:
-    """Find the closest hits of n rays. origins, directions : flat; limits : (n, 2), flat, t_min and t_max
+    """Find the closest hits of n rays with everything in the scene.
 
-    shape : of the image, see `ray_at`
+    origins, directions : flat; limits : (n, 2), flat, t_min and t_max; shape : of the image, see `ray_at`
     out : t, position, normal, color, point (the caller's row), instance, leaf, local (position in the model), flat
     """
     t, position, normal, color, point, instance, leaf, local = out

@@ -110,7 +110,7 @@ def _own_position(world: World, paint: int, i: int, scratch: Scratch) -> float:
 
 @inline
 def _paint(world: World, paint: int, i: int, map_position: float, scratch: Scratch) -> None:
-    """Set the colour of ray i's hit from a position in the colour map, or from a coordinate of the hit if so painted.
+    """Set the colour of ray i's hit from a position in the colour map; paint by coordinate finds this from the hit.
 
     paint : offset of the record in `World.paints`
     """

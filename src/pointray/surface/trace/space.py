@@ -60,7 +60,7 @@ def matrix_at(world: World, offset: int) -> ToModel:
 
 @inline
 def of_size_one(matrix: ToModel) -> ToModel:
-    """Divide the linear part of a transform by its greatest component, so that squares of transformed vectors fit."""
+    """Scale the linear part of a transform to components of at most 1, so that transformed vectors do not overflow."""
     most = 0.0
     for r in range(3):
         for c in range(3):

@@ -117,7 +117,7 @@ def prefetch_columns(tree: Tree, leaf: int) -> None:
 
 @inline
 def walk_begin(tree: Tree, begin: float) -> float:
-    """Return where a ray's traversal begins: one longest sample step before the ray, because roots may be found late.
+    """Return where a ray's traversal begins: one longest sample step before the ray, as samples there can matter.
 
     begin : t where the ray begins, with any sign
     """

@@ -25,7 +25,7 @@ def check_tree(tree: Tree, positions: int = 20_000, seed: int = 0) -> list[str]:
     positions : int
         Number of random positions near splats at which the leaves are checked.
     seed : int
-        Of these positions.
+        Seed of these random positions.
     """
     problems = check_lengths(tree)
     if problems:

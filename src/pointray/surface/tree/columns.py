@@ -104,8 +104,8 @@ def along(members: Members, row: int, first: int, m: Vec3) -> F16:
 def _away(cosine: F16, least: F16, most: F16, limits: Limits) -> F16:
     """Return the largest distance of surface from its splats along a direction, in radii, for 16 columns; at most 1.
 
-    cosine : least cosine of the direction and the normals; least, most : least and largest radius; limits : see
-        `leaves.limits_of`. The result is t / r of the module `leaves`.
+    cosine : least cosine between the direction and the normals; least, most : least and largest radius
+    limits : of that distance, see `leaves.limits_of`
     """
     square = vmax(cosine * cosine, broadcast16(TINY))
     far = vmax(f32(limits[0]) + f32(limits[1]) / square, f32(limits[2]) + f32(limits[3]) / square)

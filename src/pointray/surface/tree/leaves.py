@@ -213,7 +213,7 @@ def fill_leaves(
     cells : kd-tree of the voxels; marks : directions at open borders and of close sheets, see `Tree`
     settings : limits of the distance of surface from splats, see `limits_of`; samples per support diameter; reference
         radius, whose sample distance times powers of two is used; 0 for unlimited slabs and boxes
-    out : numbers of the leaf nodes (leaves,), records (leaves * 16,), patches (leaves * 64,), boxes (leaves, 6) float64
+    out : numbers of the leaf nodes (leaves,), records (leaves * 16,), columns' slabs (leaves * 64,), boxes (leaves, 6)
     """
     boxes, spans, refs = cells.boxes, cells.spans, cells.refs
     limits, samples, reference, cut = settings

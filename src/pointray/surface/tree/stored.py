@@ -60,7 +60,7 @@ def stored_splats(tree: Tree, by_row: bool = True) -> Stored:
 
 
 def radii_of(tree: Tree) -> Floats:
-    """Return the support radii of all splats of a tree, (m,), except for rounding, in stored order."""
+    """Return the support radii of all splats of a tree, (m,), in stored order; rounding has changed them slightly."""
     inverse = tree.blocks.reshape(-1, BLOCK)[:, INV_R2 : INV_R2 + 4].reshape(-1)
     return np.asarray(1.0 / np.sqrt(inverse[tree.order >= 0]))
 

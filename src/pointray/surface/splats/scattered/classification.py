@@ -184,8 +184,8 @@ def _scattered(
 class _Parts(NamedTuple):
     """Consecutive parts of n points in kd order, which sample the cloud for planes at a coarse scale.
 
-    rows : (m,) int64, middle point of each part; starts : (m,) int64, its first point; part : (n,) int32, part of each
-        point
+    rows : (m,) int64, middle point of each part; starts : (m,) int64, its first point
+    part : (n,) int32, part of each point
     near : (m, 17) int32, each part and the 16 nearest ones by their middle points
     """
 

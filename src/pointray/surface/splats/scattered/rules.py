@@ -119,8 +119,8 @@ def _off(xyz: Xyz, normals: Xyz, offsets: Array, own: Triple, near: Array, start
     """Return the distances of 16 points from a plane that belongs to one neighbour each.
 
     xyz, normals, offsets : of all points: position, normal of a plane near it, and signed distance from that plane
-    own : positions of the 16 points; near : flat rows of neighbours, `width` for each point; start : first point's
-        neighbour
+    own : positions of the 16 points; near : flat rows of neighbours, `width` for each point
+    start : index in `near` of the first point's neighbour
     """
     away = difference(own, gather_triple(xyz, near, start, width))
     return vabs(inner(away, gather_triple(normals, near, start, width)) + gather16(offsets, near, start, width))
@@ -174,9 +174,8 @@ def _judge(
     """Write whether each point is on a surface, and whether it is isolated from its neighbours, 1 or 0.
 
     xyz : x, y and z of n points; near : flat, `width` rows for each point: the point, then its neighbours
-    scales : bends, thicknesses, slimnesses and offsets of planes at four scales; normals : of those at the two coarse
-        ones;
-        reaches : distances of farthest neighbours; see `Evidence`
+    scales : bends, thicknesses, slimnesses and offsets of planes at four scales, see `Evidence`
+    normals : of those at the two coarse scales; reaches : distances of farthest neighbours, see `Evidence`
     """
     xyz, near, scales, normals, reaches = borrow(xyz), borrow(near), borrow(scales), borrow(normals), borrow(reaches)
     (bends, thicknesses, slimnesses, offsets), (surface, alone) = scales, borrow(out)
