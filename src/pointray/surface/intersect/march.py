@@ -103,8 +103,7 @@ def accept(
 ) -> tuple[Bits, F16, F16, F16]:
     """Return which rays hit at their roots of f, as 4 bits, and the unit normals there.
 
-    A root is no hit where f jumps, because supports end there, or where it is too far from its splats or beyond a
-    border.
+    A root is no hit if f jumps there, or if it is too far from the splats or beyond an open border.
 
     limits : 1 or -1 to accept only a sheet that faces the rays or faces away, else 0; the constant that is added to f
         because a ray starts on the surface; and t where the rays begin, with any sign

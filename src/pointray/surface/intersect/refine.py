@@ -186,8 +186,8 @@ def unit(foot: Foot) -> tuple[tuple[F16, F16, F16], Mask]:
 def _between(foot: Foot, after: Any, share: F16) -> Foot:
     """Interpolate normal and distance between a sample and the one before it; 0 without a bit.
 
-    foot : both at all samples; after : bits of the second samples, one for each ray; share : 0 at the first, 1 at the
-        second
+    foot : both at all samples; after : bits of the second samples, one for each ray
+    share : 0 at the first, 1 at the second
     """
     before, after = mask16(after >> 4), mask16(after)
     nothing = broadcast16(ZERO)
@@ -212,8 +212,8 @@ def choose(mask: Mask, a: Foot, b: Foot) -> Foot:
 def _four_t(ta: F16, tb: F16, around: F16, inner: F16, outer: F16) -> F16:
     """Return four t in the interval from ta to tb of each ray, at which f is evaluated next.
 
-    around : place to search around, 0 at ta to 1 at tb; inner, outer : distances of two t each from it, in lengths of
-        the interval
+    around : place to search around, 0 at ta to 1 at tb
+    inner, outer : distances of two t each from it, in lengths of the interval
     """
     near = mask16(0x0FF0)
     sign = quarters(-ONE, -ONE, ONE, ONE)

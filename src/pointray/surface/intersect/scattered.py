@@ -131,8 +131,8 @@ def nearest_of_leaf(tree: Tree, block: int, ray: Ray, nearest: float, slot: int)
 def begin_scattered(rows: Array, numbers: Array, length: int, span: tuple[int, int]) -> None:
     """Reset the hits of rays of a tile with scattered points, before a model is traversed.
 
-    rows, numbers : `Scratch.model` and `Scratch.numbers`; length : row of `rows` that says how far the rays are
-        followed
+    rows, numbers : `Scratch.model` and `Scratch.numbers`
+    length : row of `rows` that says how far the rays are followed
     span : first ray, and the end
     """
     for k in range(span[0], span[1]):

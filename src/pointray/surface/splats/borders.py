@@ -32,10 +32,9 @@ def _turn(x: float, y: float) -> float:
 
 @inline
 def insert(found: Array, count: int, x: float, y: float) -> int:
-    """Insert a direction (x, y) into the first `count` rows of `found`; return the new number of rows.
+    """Insert a direction (x, y), unless it is zero, into the first `count` rows of `found`; return their new number.
 
-    Rows are turn, x, y, sorted by turn: a number from -2 to 2 that increases with the angle. A zero direction is
-    skipped.
+    Rows are turn, x, y, sorted by turn: a number from -2 to 2 that increases with the angle.
     """
     if x == 0.0 and y == 0.0:
         return count

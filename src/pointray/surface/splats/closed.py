@@ -104,8 +104,8 @@ def _unfolded16(d: Three16, normals: tuple[Three16, Three16], axes: tuple[Three1
 def _note_fold(seen: tuple[Mask, Mask, Three16], folded: Mask, m: Three16) -> tuple[Mask, Mask, Three16]:
     """Record the normals of neighbours across a crease, to find corners where three sheets may meet.
 
-    seen : mask of the points where three sheets may meet; mask of those where a crease was found; normal across the
-        first
+    seen : masks of the points where three sheets may meet, and where a crease was found; the normal across the first
+        one
     folded : mask of the points whose next neighbour is across a crease; m : normals of these neighbours
 
     Returns the new `seen`.
@@ -307,8 +307,8 @@ def room_for(count: int) -> Closed:
 def measure_closed(table: NDArray[np.float32], neighborhood: Neighborhood) -> Closed:
     """Measure Voronoi cells, 16 at a time; special cases become UNSURE and are left to the slower `measure_cells`.
 
-    table : positions and normals of all points, see `pack_table`; neighborhood : points to measure, and their
-        neighbours
+    table : positions and normals of all points, see `pack_table`
+    neighborhood : points to measure, and their neighbours
 
     With fewer than 16 points, or up to 8 columns of neighbours, all cells become UNSURE.
     """

@@ -110,8 +110,8 @@ def _take_away(
 
     over : starts and rows of the splats over each point; cover : number of chosen splats over each point, and mask of
         chosen splats; both are updated
-    seen : last mark of each splat, and the mark of this search; crowd, bare : output, removed splats and uncovered
-        points
+    seen : last mark of each splat, and the mark of this search
+    crowd, bare : output, removed splats and uncovered points
 
     Returns the number of splats removed and the number of uncovered points.
     """
@@ -190,8 +190,8 @@ def _cover_again(
 ) -> tuple[int, int]:
     """Cover the uncovered points greedily with no more splats than were removed.
 
-    over : starts and rows of the splats over each point; area : (n,) of each point; gain : area that each splat would
-        cover
+    over : starts and rows of the splats over each point; area : (n,) of each point
+    gain : area that each splat would cover
     cover : number of chosen splats over each point, and mask of chosen splats; found : rows of the candidates
     room : number of candidates, of uncovered points, and of splats removed; random state; output: splats added
 

@@ -64,8 +64,8 @@ def _apart(low: Array, high: Array, i: int, box: Box) -> bool:
 def _find(splats: Gated, boxes: Boxes, box: Box, stack: Array, found: Array) -> int:
     """List in `found` the splats whose support overlaps a box (low x, y, z, high x, y, z); return their number.
 
-    splats : positions, normals, radii, and 1 for those on sheets close together; boxes : hierarchy around their
-        supports
+    splats : positions, normals, radii, and 1 for those on sheets close together
+    boxes : hierarchy around their supports
     """
     centers, radii = splats[0], splats[2]
     count, size = 0, 1
@@ -173,8 +173,8 @@ def _survey(
 ) -> int:
     """Measure the distance of every point from the surface, with one search for splats for 32 neighbouring points.
 
-    splats : positions, normals, radii, and 1 for those on sheets close together; boxes : hierarchy around their
-        supports
+    splats : positions, normals, radii, and 1 for those on sheets close together
+    boxes : hierarchy around their supports
     close : distances up to this need no refinement; out : (n,) output, signed distances
     hollow : (n,) output, distance from the mean centre of the splats, in their mean radii; inf without a surface
     """

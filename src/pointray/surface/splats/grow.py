@@ -109,8 +109,8 @@ def _grow_one(
     """Grow one splat around the point `seed`, from neighbour to neighbour, while its points stay near its plane.
 
     bounds : largest radius, and largest error; queue : memory for keys and rows of a heap
-    stamp : for each point the last splat that visited it, and the number of this splat; out : rows of the covered
-        points
+    stamp : for each point the last splat that visited it, and the number of this splat
+    out : rows of the covered points
 
     Returns the number of covered points and the squared distance of the last.
     """

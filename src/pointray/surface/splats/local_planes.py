@@ -70,8 +70,8 @@ def difference(a: Triple, b: Triple) -> Triple:
 def _fit(work: Array, xyz: Xyz, near: Array, width: int, columns: tuple[int, int], out: tuple[Array, ...]) -> int:
     """Fit a plane to neighbours columns[0]:columns[1] of each point.
 
-    xyz : x, y and z of all points; near : flat rows of neighbours, `width` for each point; out : arrays of
-        `LocalPlanes`
+    xyz : x, y and z of all points; near : flat rows of neighbours, `width` for each point
+    out : arrays of `LocalPlanes`
     """
     xyz, near, out = borrow(xyz), borrow(near), borrow(out)
     first, end = columns

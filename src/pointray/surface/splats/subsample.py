@@ -146,8 +146,7 @@ def find_subsample(
 ) -> Subsample:
     """Reduce a cloud to fewer points that represent the same surface, like `subsample`, but without issuing warnings.
 
-    Give either `tolerance`, the largest error, or `count`, the number of points. smooth : noise to remove first, or
-    "auto"
+    Give either `tolerance`, the largest error, or `count`, the number of points. smooth : noise to remove, or "auto"
     """
     check_kind(points, "points", Points, "Points")
     check_callback(progress)

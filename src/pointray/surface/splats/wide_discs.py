@@ -106,8 +106,7 @@ def _find_supporters(positions: Floats, normals: Floats, reach: Floats, rows: Ro
 
     reach : (n,) distance to the farthest vertex of each point's Voronoi cell; typical : its median
 
-    Discs of similar width, up to a factor of two, are processed together. Of candidates in one grid cell only one
-    counts.
+    Discs of similar width, up to a factor of two, are processed together; only one in each grid cell counts.
     """
     supporters = Supporters(rows, np.full((len(rows), AROUND), -1, np.int32), np.zeros(len(rows), np.int64))
     octaves = np.floor(np.log2(reach[rows] / (NOTICE * typical)))

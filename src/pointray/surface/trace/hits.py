@@ -121,8 +121,7 @@ def _describe(world: World, four: Four, scratch: Scratch) -> None:
 
     four : indices of the rays in the tile
 
-    The splat is that of greatest weight, stored as its slot. If all weights are zero, the nearest splat is taken
-    instead.
+    The splat is that of greatest weight, stored as its slot. If all weights are zero, it is the nearest one.
     """
     wide, numbers, part = scratch.world, scratch.numbers, scratch.part
     offset = numbers[sc.INSTANCE_OF + four[0]] * INSTANCE

@@ -42,8 +42,7 @@ def _blend(
     paint : offset of the record in `World.paints`; points : x, y, z, a quarter of the lanes for each
     sheet : whether sheets are close together, and the normal of the hit, turned to the viewer
 
-    Returns in each lane sums of weights, of weights of splats with a value, and of weighted positions in the colour
-    map.
+    Returns in each lane sums of weights, of weights of splats with a value, and of weighted colour map positions.
     """
     part, first = scratch.part, int(world.paints[paint + rec.PAINT_POSITIONS])
     total = known = map_position = broadcast16(ZERO)
@@ -125,8 +124,7 @@ def _paint(world: World, paint: int, i: int, map_position: float, scratch: Scrat
 def paint_one(world: World, i: int, scratch: Scratch) -> None:
     """Set the colour of ray i's hit on an instance that is coloured by an attribute, from one splat's value.
 
-    The splat that was hit is known. Coordinates of the hit take the place of a value if the instance is coloured by
-    them.
+    That is the splat of the hit, which is known. If the instance is coloured by coordinate, that of the hit is used.
     """
     paint = int(world.instances[scratch.numbers[sc.INSTANCE_OF + i] * rec.INSTANCE + rec.PAINT]) * rec.PAINT_SIZE
     own = np.nan

@@ -71,8 +71,7 @@ def bounds_of_planes(rows: Array, row: int, inverse: int, span: tuple[int, int])
     rows : `Scratch.model`; row, inverse : rows of the origins' and of the inverse directions' components
     span : first ray, and the end
 
-    Returns the origin that enters boxes first, the origin that leaves them last, and the least and greatest inverse
-    direction.
+    Returns the origins that enter boxes first and leave them last, and the least and greatest inverse direction.
     """
     low, high = range_of(rows, row, span)
     slow, fast = range_of(rows, inverse, span)

@@ -42,8 +42,7 @@ def make_ray(o: Vec3, d: Vec3, length: float, side: float) -> Ray:
 def near_planes(ix: float, iy: float, iz: float) -> Planes:
     """Return which three of a box's six planes a ray enters first, as rows of its lo x y z, hi x y z.
 
-    ix, iy, iz : inverse direction of the ray; an empty box (lo = inf, hi = -inf) has no interval between these and the
-        others
+    ix, iy, iz : inverse direction of the ray. For an empty box (lo = inf, hi = -inf) no interval remains behind them.
     """
     return (0 if ix > ZERO else 3), (1 if iy > ZERO else 4), (2 if iz > ZERO else 5)
 

@@ -20,8 +20,8 @@ def _fill_blocks(
 ) -> int:
     """Copy splats into blocks of four and bound each block by a sphere.
 
-    order : rows of the splats, in the order of the blocks; out : blocks (see `make_blocks`); spheres (blocks * 4:
-        centre, radius)
+    order : rows of the splats, in the order of the blocks
+    out : blocks (see `make_blocks`); spheres (blocks * 4: centre, radius)
     """
     blocks, bounds = out
     tile = next_tile(work)

@@ -171,8 +171,8 @@ def reference_of(radii: NDArray[np.float32]) -> float:
 def _facing(order: NDArray[np.int32], splats: Splats, slots: int) -> NDArray[np.int8]:
     """Return the normals of splats with another sheet close by, in 127ths, zero for the others: (3 * slots,) or empty.
 
-    order : row of the splat in each slot; slots : number of slots, four per block. Empty if no sheets are close
-        together
+    order : row of the splat in each slot
+    slots : number of slots, four per block. Empty if no sheets are close together
     """
     if splats.sheets is None or not splats.sheets.any():
         return np.zeros(0, np.int8)
@@ -195,8 +195,8 @@ def _directions(
 ) -> NDArray[np.int8]:
     """Return the directions of chosen splats, in 127ths, and zero for the others, (3 * slots,).
 
-    order : row of the splat in each slot; chosen : (n,) mask; directions : (n, 3), unit; slots : number of slots, four
-        per block
+    order : row of the splat in each slot; chosen : (n,) mask; directions : (n, 3), unit
+    slots : number of slots, four per block
     """
     out = np.zeros((slots, 3), np.int8)
     at = np.flatnonzero(chosen[order])

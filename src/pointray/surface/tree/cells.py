@@ -70,8 +70,8 @@ def _area(box: Array) -> float:
 def _cost(box: Array, count: int, mean: float, least: float) -> float:
     """Return the estimated time that rays spend in a leaf, for the surface area heuristic.
 
-    count : blocks of the leaf; mean, least : mean and least support radius; samples are closer for a smaller least
-        radius
+    count : blocks of the leaf
+    mean, least : mean and least support radius; samples are closer for a smaller least radius
     """
     return _area(box) * (LEAF_COST + BLOCK_COST * count + SAMPLE_COST * mean / max(abs(least), 1e-30))
 
@@ -90,8 +90,8 @@ def _longest_edge(box: Array) -> tuple[int, float]:
 def _decide(near: Array, sources: Span, box: Array, mean: float, step: float, refs: Array) -> tuple[int, float]:
     """Remove blocks from a voxel that are too far for its final sample distance along rays.
 
-    near : copies of blocks, see `copy_near`; sources : range in refs of the voxel's blocks, found with a greater
-        distance
+    near : copies of blocks, see `copy_near`
+    sources : range in refs of the voxel's blocks, found with a greater distance
     mean : mean support radius, which bounds the one that determines the distance; step : sample distance in radii
 
     Returns the end of the blocks that stay in refs, and the least support radius around the voxel.
@@ -206,11 +206,9 @@ def cut_roots(
 ) -> int:
     """Cut roots, boxes at the top of a kd-tree, into voxels, in the middle of their longest edges; one thread for each.
 
-    roots : where the nodes, the references and the groups of each begin; numbers of the groups of blocks; margin of
-        each
+    roots : where nodes, references and groups of each begin; numbers of the groups of blocks; margin of each root
     limits : maximum width of voxels in mean radii; maximum sample distance in radii; blocks per group
-    out : a `Cells` with the boxes of the roots, and the number of nodes of each root, or FULL if the arrays are too
-        small
+    out : a `Cells` with the boxes of the roots, and the number of nodes of each, or FULL if the arrays are too small
 
     Voxels are first shrunk to the supports they contain, so that empty space is never examined again.
     """

@@ -44,8 +44,7 @@ def check_tree(tree: Tree, positions: int = 20_000, seed: int = 0) -> list[str]:
 def _check_nodes(tree: Tree) -> tuple[Floats, NDArray[np.int64], list[str]]:
     """Check that each node and leaf is reached once, and that boxes enclose those below them.
 
-    Returns the boxes of the leaves (leaves, 6), empty if not reached; how often each is reached (leaves,); what is
-    wrong.
+    Returns the boxes of the leaves (leaves, 6), empty if not reached; how often each is reached; what is wrong.
     """
     children = tree.children.reshape(-1, tr.WIDTH)
     rows = tree.boxes.reshape(-1, 6, tr.WIDTH)

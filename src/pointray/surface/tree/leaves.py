@@ -186,8 +186,8 @@ def _cut_by_slab(slab: Slab, box: Array) -> None:
 def _is_marked(marks: Array, refs: Array, span: Array) -> bool:
     """Return whether a splat in the blocks of a voxel has a direction that is not zero.
 
-    marks : (blocks * 4 * 3,), directions at borders or of close sheets, or of length 0; span : the voxel's range in
-        refs
+    marks : (blocks * 4 * 3,), directions at borders or of close sheets, or of length 0
+    span : the voxel's range in refs
     """
     if marks.size == 0:
         return False
@@ -274,8 +274,8 @@ def fill_leaves(
 def fill_groups(work: Array, cells: Cells, nodes: Array, bounds: Array, out: tuple[Array, Array, Array]) -> int:
     """Copy each leaf's list of blocks into groups of 16, with the blocks' bounding spheres.
 
-    cells : kd-tree of the voxels; nodes : numbers of its leaf nodes; bounds : (blocks * 4,), centre and radius of
-        spheres
+    cells : kd-tree of the voxels; nodes : numbers of its leaf nodes
+    bounds : (blocks * 4,), centre and radius of spheres
     out : spans, which are given, and spheres and refs, which are written; see `Tree`
     """
     spans, spheres, refs = out

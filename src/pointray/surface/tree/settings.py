@@ -41,8 +41,7 @@ def check_settings(surface: str, samples: int, refine: int, trim: str | float | 
     """Check the parameters of `Model` with these names, and return them as `TreeSettings`.
 
     surface : kind of surface; samples : per support diameter; refine : secant steps
-    trim : largest distance of a hit from its splats in radii; "auto" also limits hits beyond open borders; None for no
-        limit
+    trim : largest distance of a hit from its splats in radii, or None; "auto" also limits hits beyond open borders
     """
     surface = check_choice(surface, "surface", SURFACES)
     samples = check_whole(samples, "samples", 2, LARGEST_SAMPLES)

@@ -32,8 +32,8 @@ def _join(surface: Array, near: Array, width: int, parents: Array, sizes: Array,
 
     surface : (n,) class of each point, 1 or 0; near : flat, `width` rows for each point: the point, then its neighbours
     parents : (n,) int32, initially each point itself; becomes the group's root
-    sizes, contacts : (n,) output, at the root: points of the group; pairs of neighbours of which the other is not of
-        its class
+    sizes : (n,) output, number of points of a group, at its root
+    contacts : (n,) output, number of pairs of neighbours of which only one is in the group, at its root
     """
     surface, near, parents = borrow(surface), borrow(near), borrow(parents)
     sizes, contacts = borrow(sizes), borrow(contacts)

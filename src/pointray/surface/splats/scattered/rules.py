@@ -277,8 +277,8 @@ def vote(
 ) -> Floats:
     """Return which points are on a surface after one round of votes by their 16 nearest neighbours; 1 or 0, (n,).
 
-    surface : (n,) classes before; alone : (n,) over 0 for isolated points, which get 0; near : (n, k) rows of
-        neighbours
+    surface : (n,) classes before; alone : (n,) over 0 for isolated points, which get 0
+    near : (n, k) rows of neighbours
     limits : number of surface neighbours from which a point becomes surface, and below which it becomes scattered
     """
     out = np.empty(len(near), np.float32)
