@@ -91,7 +91,8 @@ def _in_slab(
 ) -> tuple[F16, F16]:
     """Return t where rays enter and leave the slabs of columns, relative to where they enter the voxel.
 
-    slopes, borders : B and C, low and high of slabs low <= w + B u + C v <= high; position, d : of the rays in columns
+    slopes : B and C of slabs low <= w + B u + C v <= high; borders : low and high
+    position, d : positions and directions of the rays along u, v (in column widths) and w
     """
     height, rise = (
         position[2] + slopes[0] * position[0] + slopes[1] * position[1],

@@ -64,7 +64,7 @@ def _apart(low: Array, high: Array, i: int, box: Box) -> bool:
 def _find(splats: Gated, boxes: Boxes, box: Box, stack: Array, found: Array) -> int:
     """List in `found` the splats whose support overlaps a box (low x, y, z, high x, y, z); return their number.
 
-    splats : positions, normals, radii, and 1 for those on sheets close together
+    splats : positions, normals, radii, and 1 for those on sheets close together; stack : memory
     boxes : hierarchy around their supports
     """
     centers, radii = splats[0], splats[2]

@@ -94,7 +94,7 @@ def sum_of_row(members: Members, row: int) -> float:
 
 @inline
 def along(members: Members, row: int, first: int, m: Vec3) -> F16:
-    """Return the dot products of m with 16 positions (row 0) or normals (row N) of splats, from number `first` on."""
+    """Return the dot products of m with 16 positions (row 0) or normals (row 3) of splats, from number `first` on."""
     rows, room = members.rows, members.room
     x, y, z = load16(rows, row * room + first), load16(rows, (row + 1) * room + first), (row + 2) * room + first
     return m[0] * x + m[1] * y + m[2] * load16(rows, z)
