@@ -35,9 +35,9 @@ def sample_range(tree: Tree, leaf: int, interval: tuple[F16, F16, F16], begin: F
     """Return the samples to evaluate in a leaf, and a mask of the rays whose samples are distinct in float32.
 
     interval : t where the rays enter the voxel, and the part (low, high) in which the surface can be (tight box, slab)
-    begin : t where the rays begin; negative if a clip plane has cut the ray
+    begin : t where the rays begin; negative if they start on no surface
 
-    The next samples on both sides of the range lie outside the slab and the voxel: see `surface/tree/cells.py`.
+    The samples beyond both sides of the range lie outside the slab and the voxel.
     """
     enter, low, high = interval
     step = tree.leaves[leaf * LEAF + STEP]
@@ -67,7 +67,7 @@ def base_spacing(tree: Tree, leaf: int) -> F16:
 
 @inline
 def base_of(t: F16, length: F16) -> F16:
-    """Return t of the base point of the ray segment that contains t. length : of segments, see `base_spacing`
+    """Return t of the base point of the ray segment that contains t. length : of segments, 16 samples of the leaf
 
     Positions relative to a point nearby are precise in float32. The base depends on t alone, and is half a step before
     a sample. So a sample has the same bits in every voxel that evaluates it, and beside any other rays.

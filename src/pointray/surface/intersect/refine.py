@@ -46,7 +46,7 @@ class Frame(NamedTuple):
     """Rays in a voxel, in vectors: four rays, with sample s of ray r in lane 4 s + r, or sixteen rays.
 
     x, y, z : origin; dx, dy, dz : unit direction
-    base_spacing : length of ray segments in which positions are relative to the same point, see `lattice.base_of`
+    base_spacing : length of ray segments in which positions are relative to the same point, for precision in float32
     side : +1 if a ray that starts on the surface is outside, -1 if it is inside
     """
 

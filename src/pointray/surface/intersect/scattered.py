@@ -62,7 +62,7 @@ def meet_sphere(chord: tuple[Real, Real], start: tuple[Real, Real], square: Real
     """Return t where a ray hits a sphere, inf for a miss. A ray that starts on the sphere only hits it from inside.
 
     chord : t nearest to the centre, and the squared half chord, from `approach`; square : squared radius
-    start : t where the ray begins (negative if a clip plane has cut it), and its side, -1 if it starts inside
+    start : t where the ray begins (negative if it starts on no surface), and its side, -1 if it starts inside
     """
     (along, rest), (begin, side) = chord, start
     half = vsqrt(rest)
@@ -85,7 +85,7 @@ def meet_disc(
     """Return t where a ray hits a flat disc, inf for a miss. A ray that starts on the disc does not hit it.
 
     to : from the ray's origin to the centre; d : unit direction; disc : normal and squared radius
-    begin : t where the ray begins (negative if a clip plane has cut it)
+    begin : t where the ray begins (negative if it starts on no surface)
     """
     mx, my, mz, square = disc
     rise = mx * d[0] + my * d[1] + mz * d[2]

@@ -53,7 +53,8 @@ def _closed_directions(
 ) -> int:
     """Write the tangent directions in which the surface continues from splat i to its neighbours; return their number.
 
-    near : rows of the neighbours; axes : two tangents; found : output, rows sorted by angle, see `insert`
+    near : rows of the neighbours; axes : two tangents
+    found : output, rows turn, x, y, sorted by turn, a number that increases with the angle
 
     A neighbour across a fold also closes the direction of the fold, as it may itself lie on the same side as others.
     """
@@ -80,7 +81,7 @@ def _closed_directions(
 def widest(found: Array, count: int) -> tuple[float, float]:
     """Return the widest gap between directions as an angle, 0 if it is below 115 degrees, and the angle of its middle.
 
-    found : `count` rows turn, x, y, sorted by turn, see `insert`
+    found : `count` rows turn, x, y, sorted by turn, a number that increases with the angle
     """
     gap, middle = (2.0 * math.pi, 0.0) if count == 0 else (0.0, 0.0)
     for k in range(count):

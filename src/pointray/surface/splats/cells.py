@@ -37,8 +37,8 @@ Rows = NDArray[Any]  # int32 or int64
 class Cloud(NamedTuple):
     """Points whose Voronoi cells are measured.
 
-    positions, normals : (n, 3) float32, in kd order; table : (8 n,) float32, both packed, see `pack_table`
-    tree : neighbour search over the positions
+    positions, normals : (n, 3) float32, in kd order; tree : neighbour search over the positions
+    table : (8 n,) float32, position, normal and two zeros of each point
     """
 
     positions: Floats

@@ -104,8 +104,7 @@ def _unfolded16(d: Three16, normals: tuple[Three16, Three16], axes: tuple[Three1
 def _note_fold(seen: tuple[Mask, Mask, Three16], folded: Mask, m: Three16) -> tuple[Mask, Mask, Three16]:
     """Record the normals of neighbours across a crease, to find corners where three sheets may meet.
 
-    seen : masks of the points where three sheets may meet, and where a crease was found; the normal across the first
-        one
+    seen : masks of the points where three sheets may meet, and where a crease was found; normal across the first
     folded : mask of the points whose next neighbour is across a crease; m : normals of these neighbours
 
     Returns the new `seen`.
@@ -125,7 +124,8 @@ def _place_neighbors(
 
     The inverse of a neighbour at b is q = 2 b / |b|^2: a position x is closer to the point than to b where x.q < 1.
 
-    table : see `pack_table`; own : positions, normals, and the factor that scales the last neighbour's distance to 1
+    table : position, normal and two zeros of each point of the cloud
+    own : positions and normals of the 16 points, and the factor that scales the last neighbour's distance to 1
     neighborhood : rows of neighbours, flat, the start of the 16 points' neighbours in it, and columns for each point
     memory : for neighbour k, q.x of the 16 points at 32 k and q.y at 32 k + 16
 
@@ -175,7 +175,7 @@ def _walk(first: tuple[F16, F16, F16, F16], width: int, memory: Array) -> tuple[
     """Walk around the vertices of the Voronoi cells of 16 points at once.
 
     first : x and y of the nearest neighbour's inverse, its square, its index; width : number of neighbours plus one
-    memory : inverses of all neighbours, see `_place_neighbors`
+    memory : inverses q = 2 b / |b|^2 of the neighbours at b, for neighbour k x at 32 k and y at 32 k + 16
 
     Returns the squared distance of the farthest vertex, where the last neighbour is at 1; a mask of closed cells, which
     no farther neighbour could change; and a mask of cells that need a more exact method.
@@ -225,8 +225,8 @@ def _gap_possible(sectors: int) -> bool:
 def _away(table: Array, at: Three16, near: Array, start: int, width: int) -> F16:
     """Return the distances of 16 points from one neighbour each.
 
-    table : see `pack_table`; at : the points' positions; near : flat rows of neighbours, `width` for each point
-    start : index in `near` of the first point's neighbour
+    table : position, normal and two zeros of each point of the cloud; at : positions of the 16 points
+    near : flat rows of neighbours, `width` for each point; start : index in it of the first point's neighbour
     """
     x, y, z, _, _, _, _, _ = gather_rows8(table, near, start, width)
     d = x - at[0], y - at[1], z - at[2]
@@ -235,10 +235,11 @@ def _away(table: Array, at: Three16, near: Array, start: int, width: int) -> F16
 
 @kernel
 def _measure_closed(work: Array, table: Array, rows: Array, neighborhood: tuple[Array, int], out: Closed) -> int:
-    """Measure the Voronoi cells of points, 16 at a time, unless they are special cases; see `Closed` for the results.
+    """Measure the Voronoi cells of points, 16 at a time, unless they are special cases.
 
-    table : see `pack_table`; rows : the points, at least 16
-    neighborhood : rows of each point and its neighbours, flat, and their number for each point
+    table : position, normal and two zeros of each point of the cloud; rows : the points to measure, at least 16
+    neighborhood : rows of each of these and its neighbours, flat, and their number for each point
+    out : distance to the farthest vertex, state and so on of each cell
     """
     table, rows = borrow(table), borrow(rows)
     (near, width), (reach, state, gap, fourth, one_sheet, facing) = borrow(neighborhood), borrow(out)
@@ -307,7 +308,7 @@ def room_for(count: int) -> Closed:
 def measure_closed(table: NDArray[np.float32], neighborhood: Neighborhood) -> Closed:
     """Measure Voronoi cells, 16 at a time; special cases become UNSURE and are left to the slower `measure_cells`.
 
-    table : positions and normals of all points, see `pack_table`
+    table : position, normal and two zeros of each point of the cloud
     neighborhood : points to measure, and their neighbours
 
     With fewer than 16 points, or up to 8 columns of neighbours, all cells become UNSURE.

@@ -165,7 +165,7 @@ def bridged(positions: Floats, normals: Floats, neighborhood: Neighborhood, limi
     neighborhood : Neighborhood
         The m points to measure, and their neighbours.
     limits : (m,) float32
-        Half of the widest gap at each of them, see `find_limits`.
+        Half of the widest gap at each of them.
 
     Returns
     -------

@@ -118,7 +118,7 @@ def _means(work: Array, values: Array, width: int, order: Array, starts: Array, 
 
 @kernel
 def _reach(work: Array, splats: tuple[Array, Array, Array], order: Array, starts: Array, out: Array) -> int:
-    """Write how far the supports of each group extend from its middle, see `Groups.reach`.
+    """Write how far the supports of each group extend from its middle, (m,).
 
     splats : positions (n, 3) and radii (n,), and the middles of the groups (m, 3)
     order : rows of the splats, group by group; starts : start of each group in it, and the end

@@ -83,7 +83,8 @@ def join(parts: list[Splats]) -> Splats:
 def _gather(starts: Array, members: Array, rows: Array, begins: Array, out: Array) -> None:
     """Copy the covered points of the splats `rows`, splat by splat.
 
-    starts, members : of all splats, see `Splats`; begins : start of each copy in `out`, and the end
+    starts, members : covered points of all splats, and where those of each start
+    begins : start of each copy in `out`, and the end
     """
     for i in range(len(rows)):
         first = starts[rows[i]]

@@ -71,7 +71,7 @@ def _fit(work: Array, xyz: Xyz, near: Array, width: int, columns: tuple[int, int
     """Fit a plane to neighbours columns[0]:columns[1] of each point.
 
     xyz : x, y and z of all points; near : flat rows of neighbours, `width` for each point
-    out : arrays of `LocalPlanes`
+    out : x, y, z of the normals, thickness, slimness, offset and reach, the arrays of `LocalPlanes`
     """
     xyz, near, out = borrow(xyz), borrow(near), borrow(out)
     first, end = columns
@@ -157,11 +157,11 @@ def _bend(own: Triple, normal: Triple, place: Triple, other: Triple) -> tuple[F1
 
 @kernel
 def _off_arcs(work: Array, xyz: Xyz, normals: Xyz, near: Array, width: int, columns: tuple[int, int], out: Xyz) -> int:
-    """Write how far neighbours columns[0]:columns[1] are off arcs and planes, see `off_arcs`.
+    """Write how far neighbours columns[0]:columns[1] are off arcs perpendicular to both normals, and off planes.
 
     xyz, normals : x, y and z of all points; near : flat rows of neighbours, `width` for each point
-    out : mean height over the arcs and over the planes, over the distance (1 if no neighbour faces the same way);
-        number of neighbours that lie in one plane with the point
+    out : mean height over the arcs and over the points' planes, over the distance (1 if no neighbour faces the same
+        way); number of neighbours that lie in one plane with the point
     """
     xyz, normals, near, out = borrow(xyz), borrow(normals), borrow(near), borrow(out)
     first, end = columns

@@ -100,8 +100,8 @@ def _set_rays(
 ) -> bool:
     """Set the next tile of rays; return whether any direction was scaled because its square would not be finite.
 
-    rays : origins, directions, limits (t_min, t_max), flat; shape : of the image, see `ray_at`
-    start : the batch, and the offset of the tile in it
+    rays : origins, directions, limits (t_min, t_max), flat; start : the batch, and the offset of the tile in it
+    shape : height and width of the image that the rays form; or 1 and their number
     """
     origins, directions, limits = rays
     for k in range(sc.TILE):
@@ -131,7 +131,8 @@ def _closest(
 ) -> int:
     """Find the closest hits of n rays with everything in the scene.
 
-    origins, directions : flat; limits : (n, 2), flat, t_min and t_max; shape : of the image, see `ray_at`
+    origins, directions : flat; limits : (n, 2), flat, t_min and t_max
+    shape : height and width of the image that the rays form; or 1 and n
     out : t, position, normal, color, point (the caller's row), instance, leaf, local (position in the model), flat
     """
     t, position, normal, color, point, instance, leaf, local = out
@@ -176,7 +177,8 @@ def _occluded(
 ) -> int:
     """Test whether each of n rays hits anything; out is (n,) uint8.
 
-    origins, directions : flat; limits : (n, 2), flat, t_min and t_max; shape : of the image, see `ray_at`
+    origins, directions : flat; limits : (n, 2), flat, t_min and t_max
+    shape : height and width of the image that the rays form; or 1 and n
     """
     origins, directions, limits = borrow(origins), borrow(directions), borrow(limits)
     memory = new_scratch(world.longest)

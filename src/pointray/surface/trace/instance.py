@@ -201,7 +201,7 @@ def _keep_t(row: int, i: int, scratch: Scratch) -> None:
 def _keep_normal_and_position(matrix: ToModel, i: int, scratch: Scratch) -> None:
     """Store normal (in world space) and position (in the model's) of ray i's hit, if it was nearer than earlier ones.
 
-    matrix : from the world to the model, see `of_size_one`
+    matrix : from the world to the model, its components scaled to at most 1
     """
     wide, rows = scratch.world, scratch.model
     n = load3(rows, sc.NX + i)

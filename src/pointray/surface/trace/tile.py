@@ -231,7 +231,7 @@ def _end_where_hit(tree: Tree, span: tuple[int, int], scratch: Scratch) -> None:
 
     span : first ray of the tile, and the end
 
-    The voxel before may find the same root up to a step farther, see `scratch.LENGTH`; a step more is in END.
+    The voxel before may find the same root up to a step farther; the end includes another step.
     """
     rows, steps = scratch.model, tree.head[tr.LONGEST] + tree.head[tr.LONGEST]
     for k in range(span[0], span[1]):

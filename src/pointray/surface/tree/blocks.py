@@ -21,7 +21,7 @@ def _fill_blocks(
     """Copy splats into blocks of four and bound each block by a sphere.
 
     order : rows of the splats, in the order of the blocks
-    out : blocks (see `make_blocks`); spheres (blocks * 4: centre, radius)
+    out : blocks, 28 numbers each; bounding spheres, 4 numbers each: centre, radius
     """
     blocks, bounds = out
     tile = next_tile(work)
@@ -74,7 +74,7 @@ def make_blocks(
     Returns
     -------
     blocks : (b * 28,) float32
-        See `engine.kernels.tree.BLOCK`.
+        For each block 7 rows of 4: x, y and z of position and normal, 1 / radius^2. Empty slots hold a splat far away.
     bounds : (b * 4,) float32
         Centre and radius of spheres that enclose the supports of the blocks' splats.
     """

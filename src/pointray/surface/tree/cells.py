@@ -90,7 +90,7 @@ def _longest_edge(box: Array) -> tuple[int, float]:
 def _decide(near: Array, sources: Span, box: Array, mean: float, step: float, refs: Array) -> tuple[int, float]:
     """Remove blocks from a voxel that are too far for its final sample distance along rays.
 
-    near : copies of blocks, see `copy_near`
+    near : positions and squared radii of blocks
     sources : range in refs of the voxel's blocks, found with a greater distance
     mean : mean support radius, which bounds the one that determines the distance; step : sample distance in radii
 
@@ -106,11 +106,11 @@ def _halve(
 ) -> tuple[int, int, int]:
     """Make the two halves of a voxel with the blocks refs[span]; write their blocks behind these.
 
-    near : copies of blocks, see `copy_near`; cut : the voxel's node, the first half's node, the axis
+    near : positions and squared radii of blocks; cut : the voxel's node, the first half's node, the axis
     around : sample distance in radii, and a radius; halves are grown by the product of both to find their blocks
     radii : output, mean and largest radius of each half; while it may still determine the sample distance, the mean is
         at most `around[1]`
-    out : boxes, refs and so on of one root, see `Cells`
+    out : children, boxes, ranges in refs, refs, and least radii of the nodes of one root
 
     Returns three positions in refs: the end of the voxel's blocks, of those of the first half, and of the second.
     """
@@ -134,8 +134,9 @@ def _halve(
 def _cut_root(work: Array, blocks: Array, numbers: Array, limits: tuple[float, float, float], out: Parts) -> int:
     """Cut the box of a root, boxes[0], into voxels; return the number of nodes, or FULL if the arrays are too small.
 
-    numbers : of the blocks that may overlap it; out : the arrays of `Cells` for this root
-    limits : width of voxels and sample distance, see `cut_roots`; margin by which the box is grown to find its blocks
+    numbers : of the blocks that may overlap it
+    limits : width of voxels in mean radii; sample distance in radii; margin around the box to find its blocks
+    out : children, boxes, ranges in refs, refs, and least radii of the nodes
 
     In refs, blocks are indices into `numbers` until they belong to a leaf.
     """

@@ -105,7 +105,7 @@ def _away(cosine: F16, least: F16, most: F16, limits: Limits) -> F16:
     """Return the largest distance of surface from its splats along a direction, in radii, for 16 columns; at most 1.
 
     cosine : least cosine between the direction and the normals; least, most : least and largest radius
-    limits : of that distance, see `leaves.limits_of`
+    limits : a, b, d, e of a bound of that distance, from `leaves.limits_of`
     """
     square = vmax(cosine * cosine, broadcast16(TINY))
     far = vmax(f32(limits[0]) + f32(limits[1]) / square, f32(limits[2]) + f32(limits[3]) / square)
@@ -119,7 +119,7 @@ def _away(cosine: F16, least: F16, most: F16, limits: Limits) -> F16:
 def slab_along(members: Members, m: Vec3, limits: Limits) -> tuple[float, float]:
     """Return the least and largest m.x of any surface of the splats over a voxel, m being a unit vector.
 
-    limits : of the distance of surface from splats, see `leaves.limits_of`
+    limits : a, b, d, e of a bound of the distance of surface from splats, from `leaves.limits_of`
     """
     inf = broadcast16(INF)
     cosine, least, most, radii = broadcast16(ONE), inf, broadcast16(ZERO), R * members.room
@@ -174,8 +174,9 @@ def _slabs(
 ) -> tuple[F16, F16]:
     """Return the least and largest m.x of any surface of the splats over each of a voxel's 4 x 4 columns.
 
-    axes : u, v, w; words : for each splat the columns that its support overlaps, as bits; m : one unit vector for each
-        column, along these axes; limits : of the distance of surface from splats, see `leaves.limits_of`
+    axes : u, v, w; words : for each splat the columns that its support overlaps, as bits
+    m : one unit vector for each column, along these axes
+    limits : a, b, d, e of a bound of the distance of surface from splats, from `leaves.limits_of`
     """
     u, v, w = axes
     rows, room, inf = members.rows, members.room, broadcast16(INF)
@@ -203,8 +204,9 @@ def fill_patches(
     """Compute the slabs of a leaf's 4 x 4 columns, or none if they are not much thinner than the leaf's slab.
 
     members : splats over the voxel; cell : its box; mean : mean radius of the splats
-    slab : the normal of the leaf's slab; its thickness; limits, see `leaves.limits_of`
-    words : work space, one number per splat; out : (64,) float32, see `engine.kernels.tree.PATCH`
+    slab : the normal of the leaf's slab; its thickness; bound of the distance of surface from splats
+    words : work space, one number per splat
+    out : (64,) float32, B, C, low and high of 16 slabs low <= w + B u + C v <= high
     """
     normal, thickness, limits = slab
     u, v, w = axes = across(normal[0], normal[1], normal[2])

@@ -121,7 +121,8 @@ def _enclose(boxes: Array, rows: Array, out: Array) -> None:
 def _build(boxes: Array, numbers: Array, out: tuple[Array, Array]) -> None:
     """Build the nodes of a binary BVH over the boxes of instances.
 
-    boxes : (n, 6) float64, n > 1; numbers : (n,) instance of each; out : n - 1 nodes' boxes and children, see `World`
+    boxes : (n, 6) float64, n > 1; numbers : (n,) instance of each
+    out : of n - 1 nodes the boxes of both children, and the children: a node, or ~instance
     """
     out_boxes, out_children = out
     rows = np.arange(len(boxes))

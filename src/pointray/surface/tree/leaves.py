@@ -117,7 +117,7 @@ def _members(blocks: Array, refs: Array, span: Array, cell: Array, rows: Array) 
 def _slab(members: Members, limits: Limits) -> Slab:
     """Return the mean normal m of the splats over a voxel and the least and largest m.x of any surface in it.
 
-    limits : of the distance of surface from splats, see `limits_of`
+    limits : a, b, d, e of a bound of the distance of surface from splats, from `limits_of`
     """
     mx, my, mz = sum_of_row(members, N), sum_of_row(members, N + 1), sum_of_row(members, N + 2)
     length = math.sqrt(mx * mx + my * my + mz * mz)
@@ -210,8 +210,9 @@ def fill_leaves(
 ) -> int:
     """Compute the slab, the columns' slabs and the tight box of each voxel. An inverted box marks an empty one.
 
-    cells : kd-tree of the voxels; marks : directions at open borders and of close sheets, see `Tree`
-    settings : limits of the distance of surface from splats, see `limits_of`; samples per support diameter; reference
+    cells : kd-tree of the voxels; marks : for each slot the outward direction at an open border, and the normal of a
+        splat with another sheet close by, or zero; each may be of length 0
+    settings : bound of the distance of surface from splats, from `limits_of`; samples per support diameter; reference
         radius, whose sample distance times powers of two is used; 0 for unlimited slabs and boxes
     out : numbers of the leaf nodes (leaves,), records (leaves * 16,), columns' slabs (leaves * 64,), boxes (leaves, 6)
     """
@@ -276,7 +277,8 @@ def fill_groups(work: Array, cells: Cells, nodes: Array, bounds: Array, out: tup
 
     cells : kd-tree of the voxels; nodes : numbers of its leaf nodes
     bounds : (blocks * 4,), centre and radius of spheres
-    out : spans, which are given, and spheres and refs, which are written; see `Tree`
+    out : first group and number of groups of each leaf, which are given; bounding spheres (groups * 64,) and blocks
+        (groups * 16,), which are written
     """
     spans, spheres, refs = out
     tile = next_tile(work)

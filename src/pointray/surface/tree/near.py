@@ -89,8 +89,9 @@ def gather(
 ) -> tuple[int, float, float, float, Box]:
     """List the blocks with a splat whose support overlaps a box that is grown by a margin.
 
-    near : copies of blocks, see `copy_near`; sources : range in refs of the blocks to test, as indices of these copies
-    cell : the box; around : the margin; refs : also the output, from `start` on
+    near : positions and squared radii of blocks, 4 each of x, y, z and r^2
+    sources : range in refs of the blocks to test, as indices in `near`; refs : also the output, from `start` on
+    cell : the box; around : the margin
 
     Returns the end in refs; the mean, the least and the largest radius of these splats; the bounding box of their
     supports, inverted if no splat overlaps. The splat of an empty slot is too far from every box.

@@ -80,7 +80,7 @@ def _best_cut(boxes: Array, order: Array, span: tuple[int, int], bins: Array, me
 
     boxes : (n, 6); order : indices of boxes; span : the node's range in it; bins, memory : work space
 
-    Returns the axis, -1 if all centres are equal; the bin after the cut; twice the least centre; bins per doubled
+    Returns the axis, -1 if all centres are equal; the bin after the cut; twice the least centre; bins per double
     length.
     """
     counts, costs = memory
@@ -172,7 +172,7 @@ def _halve(boxes: Array, order: Array, children: Array, leaf_of: Array) -> int:
 def _nodes(
     blocks: NDArray[np.float32], first: int, threads: int | None
 ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-    """Build nodes of eight over blocks of scattered points: boxes (nodes * 48,) and children (nodes * 8,), see `Tree`.
+    """Build nodes of eight over blocks of scattered points; return their boxes (nodes * 48,) and children (nodes * 8,).
 
     first : number of the first block in the tree
     """
@@ -202,7 +202,10 @@ def _box_around(boxes: NDArray[np.float32]) -> NDArray[np.float32]:
 def _under_one_root(
     a: tuple[NDArray[np.float32], NDArray[np.int32]], b: tuple[NDArray[np.float32], NDArray[np.int32]]
 ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-    """Join the nodes of two trees under a new root. a, b : boxes and children of each, see `Tree`, as is the result"""
+    """Join the nodes of two trees under a new root.
+
+    a, b : boxes (nodes * 48,) and children (nodes * 8,) of each, as is the result
+    """
     boxes = np.repeat(np.array([np.inf] * 3 + [-np.inf] * 3, np.float32), tr.WIDTH).reshape(6, tr.WIDTH)
     boxes[:, 0], boxes[:, 1] = _box_around(a[0]), _box_around(b[0])
     root = np.full(tr.WIDTH, tr.NO_CHILD, np.int32)

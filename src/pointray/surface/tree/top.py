@@ -54,7 +54,8 @@ class Top(NamedTuple):
 def _bound_groups(work: Array, blocks: Array, bounds: Array, out: Groups) -> int:
     """Compute the bounds of each group of 64 consecutive blocks.
 
-    bounds : (blocks * 4,) centre and radius of each block's bounding sphere; out : see `Groups`
+    bounds : (blocks * 4,) centre and radius of each block's bounding sphere
+    out : boxes around the supports and around the positions of each group's splats, and their largest radius
     """
     blocks, bounds = borrow(blocks), borrow(bounds)
     group = next_tile(work)

@@ -40,7 +40,7 @@ def collapse(children: Array, leaf_of: Array, boxes: Array, out: tuple[Array, Ar
     """Collapse a binary tree into nodes of eight; the child with the largest surface area is always opened next.
 
     children : (nodes, 2), -1 for a leaf; leaf_of : (nodes,) leaf of such a node; boxes : (nodes, 6)
-    out : boxes and children of the wide nodes, see `Tree`
+    out : boxes, 48 numbers, and children, 8 numbers, of each wide node
 
     Returns the number of wide nodes.
     """

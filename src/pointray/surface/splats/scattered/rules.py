@@ -55,11 +55,13 @@ KEEP, LOSE = 10, 7  # of 16 neighbours: with at least KEEP surface points a poin
 class Evidence(NamedTuple):
     """Measurements of n points at four scales, from which `judge` finds the points on a surface; (n,) float32 each.
 
-    The scales are the 8 and the 16 nearest neighbours, and every 4th and every 16th point in kd order.
+    The scales are the 8 and the 16 nearest neighbours, and every 4th and every 16th point in kd order. At each, planes
+    are fitted to the neighbours.
 
-    bends : mean squared sine between the normals of neighbouring planes; thicknesses, slimnesses, offsets : of the
-        planes through the neighbours, see `LocalPlanes`; at the coarse scales offsets are from the plane of the point's
-        own part of the kd order
+    bends : mean squared sine between the normals of neighbouring planes
+    thicknesses : standard deviation of the neighbours from the plane
+    slimnesses : second largest variance of the neighbours over the largest, 0 on a line
+    offsets : signed distance of the point from the plane, at the coarse scales from that of its part of the kd order
     coarse, coarsest : x, y and z of the normals at the two coarse scales
     reaches : distance of the farthest of the 8 nearest, of the 16 nearest, and of the neighbours among every 4th point
     """
@@ -174,8 +176,9 @@ def _judge(
     """Write whether each point is on a surface, and whether it is isolated from its neighbours, 1 or 0.
 
     xyz : x, y and z of n points; near : flat, `width` rows for each point: the point, then its neighbours
-    scales : bends, thicknesses, slimnesses and offsets of planes at four scales, see `Evidence`
-    normals : of those at the two coarse scales; reaches : distances of farthest neighbours, see `Evidence`
+    scales : of planes at four scales the mean squared sine between neighbours, the deviation of the neighbours, the
+        ratio of their variances, and the distance of the point
+    normals : of the planes at the two coarse scales; reaches : distances of the farthest neighbours at three scales
     """
     xyz, near, scales, normals, reaches = borrow(xyz), borrow(near), borrow(scales), borrow(normals), borrow(reaches)
     (bends, thicknesses, slimnesses, offsets), (surface, alone) = scales, borrow(out)
