@@ -105,11 +105,11 @@ def _row(tree: Tree, at: int) -> F8:
 
 @inline
 def nearest_of_leaf(tree: Tree, block: int, ray: Ray, nearest: float, slot: int) -> tuple[float, int]:
-    """Return (t, slot) of the nearest scattered point of a leaf that the ray hits, or the earlier one if it is nearer.
+    """Return t and slot of the nearest scattered point of a leaf that a ray hits, or of an earlier hit if it is nearer.
 
     block : first of the leaf's two; nearest, slot : the earlier hit, or the end of the search and -1
 
-    Of points at the same t the first slot wins.
+    A slot is four times the block plus the position in it. Of points at the same t the first slot wins.
     """
     at = block * tr.BLOCK
     to = _row(tree, at + tr.PX) - ray.ox, _row(tree, at + tr.PY) - ray.oy, _row(tree, at + tr.PZ) - ray.oz
@@ -183,7 +183,7 @@ def search_leaf(tree: Tree, block: int, passing: Bits, v: int, scratch: Scratch)
 def hit_scattered(tree: Tree, slot: int, t: float, o: Vec3, d: Vec3) -> Hit:
     """Return a ray's hit with a scattered point. Its normal is exact; that of a sphere points outwards.
 
-    slot : of the point; t : of the hit; o, d : origin and unit direction of the ray
+    slot : of the point, four times its block plus the position in it; t : of the hit; o, d : origin and unit direction
     """
     at = slot // 4 * tr.BLOCK + slot % 4
     if tree.head[tr.SCATTER] == tr.SPHERES:

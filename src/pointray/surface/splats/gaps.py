@@ -262,7 +262,7 @@ def find_limits(
 
 
 def largest_reach(positions: Floats, statistics: CloudStatistics) -> float:
-    """Return the largest reach of a disc in disorder, or radius of a sphere, in the unit of the positions.
+    """Return the largest reach of a disc in disorder, as in a tree crown, or the largest radius of a sphere.
 
     The reach is the distance to the farthest vertex of a Voronoi cell. The limit covers less than 2% of an image that
     the cloud fills. Clouds of up to 20 points have none.

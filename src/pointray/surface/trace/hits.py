@@ -121,7 +121,8 @@ def _describe(world: World, four: Four, scratch: Scratch) -> None:
 
     four : indices of the rays in the tile
 
-    The splat is that of greatest weight, stored as its slot. If all weights are zero, it is the nearest one.
+    The splat is that of greatest weight; if all are zero, the nearest one. It is stored as its slot, four times the
+    block plus the position in it.
     """
     wide, numbers, part = scratch.world, scratch.numbers, scratch.part
     offset = numbers[sc.INSTANCE_OF + four[0]] * INSTANCE
@@ -159,7 +160,10 @@ def _describe(world: World, four: Four, scratch: Scratch) -> None:
 
 @inline
 def _describe_scattered(world: World, i: int, scratch: Scratch) -> None:
-    """Take colour and slot of ray i's hit on a scattered point from that point; results are stored in `scratch`."""
+    """Store the colour and the slot of the scattered point that ray i has hit.
+
+    A slot is four times the block plus the position in it.
+    """
     numbers = scratch.numbers
     offset = numbers[sc.INSTANCE_OF + i] * INSTANCE
     tree = tree_at(world.table, i64(world.instances[offset + SHAPE_ROW]))

@@ -243,7 +243,8 @@ def _end_where_hit(tree: Tree, span: tuple[int, int], scratch: Scratch) -> None:
 def _walk_begin(tree: Tree, rows: Array, span: tuple[int, int]) -> float:
     """Return t where the traversal begins: a sample step before the first of the rays begins.
 
-    rows : `Scratch.model`, in which a sign may mark t where a ray begins; span : first ray, and the end
+    rows : `Scratch.model`, in which t where a ray begins is negative if it starts on no surface
+    span : first ray, and the end
     """
     low, high = range_of(rows, sc.BEGIN, span)
     return walk_begin(tree, low if low >= ZERO else min(high, ZERO))

@@ -80,8 +80,7 @@ def _best_cut(boxes: Array, order: Array, span: tuple[int, int], bins: Array, me
 
     boxes : (n, 6); order : indices of boxes; span : the node's range in it; bins, memory : work space
 
-    Returns the axis, -1 if all centres are equal; the bin after the cut; twice the least centre; bins per double
-    length.
+    Returns the axis, -1 if all centres are equal; the bin after the cut; twice the least centre; bins per this length.
     """
     counts, costs = memory
     best, found = np.inf, (-1, 0, 0.0, 0.0)

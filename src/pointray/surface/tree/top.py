@@ -80,9 +80,10 @@ def _bound_groups(work: Array, blocks: Array, bounds: Array, out: Groups) -> int
 class _Node(NamedTuple):
     """Node at the top of a kd-tree, before it is cut.
 
-    roots : range of roots below it; groups : (m,) groups of splats that may overlap it
-    cell : (6,) its box, not yet shrunk to the supports of these; parent, side : node and child index that refer to it,
-        parent -1 for none
+    roots : range of the roots below it, boxes that threads cut independently; groups : (m,) groups of splats that may
+        overlap it
+    cell : (6,) its box, not yet shrunk to the supports of these
+    parent, side : node and child index that refer to it; parent -1 for none
     """
 
     roots: range
@@ -195,9 +196,9 @@ def _everything() -> NDArray[np.float64]:
 
 
 def _one_root(top: Top) -> Top:
-    """Return a top with one root for the same space.
+    """Join the roots of a kd-tree to one, which a single thread cuts into voxels.
 
-    Where splats extend over nearly all of it, cuts make no root smaller.
+    Where splats extend over nearly all of space, cuts make no root smaller.
     """
     boxes = np.array(top.boxes)
     cell = np.concatenate([boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)])
@@ -205,9 +206,9 @@ def _one_root(top: Top) -> Top:
 
 
 def _root_boxes(groups: Groups) -> tuple[NDArray[np.float64], int]:
-    """Return boxes around the splats' positions for each root, (m, 6), and the number of groups per root.
+    """Return boxes around the splats' positions for each root, a box that one thread cuts into voxels, (m, 6).
 
-    groups : of the model; each root gets consecutive ones
+    Also return the number of consecutive groups of blocks per root. groups : of the model
     """
     per_root = groups_per_root(len(groups.longest))
     starts = np.arange(0, len(groups.longest), per_root)
@@ -219,7 +220,7 @@ def _root_boxes(groups: Groups) -> tuple[NDArray[np.float64], int]:
 def _plane_between(first: NDArray[np.float64], second: NDArray[np.float64]) -> tuple[int, float]:
     """Return an axis and a coordinate that divide two parts of the kd order, where these are farthest apart.
 
-    first, second : boxes of the roots in each part, (m, 6)
+    first, second : boxes around the splats of each part, (m, 6), several for each
     """
     ends, begins = first[:, 3:].max(axis=0), second[:, :3].min(axis=0)
     axis = int(np.argmax(begins - ends))
