@@ -176,7 +176,10 @@ def foot_of(means: Means, u4: F16) -> Foot:
 
 @inline
 def unit(foot: Foot) -> tuple[tuple[F16, F16, F16], Mask]:
-    """Return unit normals at roots, and a mask of where they exist: not where normals cancel or are NaN."""
+    """Return unit normals at roots, and a mask of where they exist: not where normals cancel or are NaN.
+
+    foot : direction in which f rises at each root, not of unit length
+    """
     square = foot.nx * foot.nx + foot.ny * foot.ny + foot.nz * foot.nz
     scale = ONE / vsqrt(square)
     return (foot.nx * scale, foot.ny * scale, foot.nz * scale), (square > CANCELLED) & (square < INF)

@@ -310,7 +310,7 @@ def _single(rows: NDArray[Any], widths: Floats) -> Splats:
 def _more(cloud: Cloud, subset: Subset, number: int) -> Splats:
     """Return `number` more splats of one point each, to reach an exact count.
 
-    The first ones lie beside each splat, by increasing error of these splats, as additional splats disturb the fit.
+    subset : splats so far. The first new ones lie beside each of these, by increasing error, as they disturb the fit.
     """
     splats = subset.splats
     free = np.ones(len(cloud.positions), np.bool_)

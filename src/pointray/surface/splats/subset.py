@@ -152,7 +152,7 @@ def worst(subset: Subset, tolerance: float) -> Floats:
 
 
 def shrink_splats(cloud: Cloud, subset: Subset, sizes: Floats, error: float, ratio: Floats) -> tuple[Splats, Floats]:
-    """Shrink splats whose error is too large, and cover their points again with smaller ones.
+    """Shrink splats of a subset whose error is too large, and cover their points again with smaller ones.
 
     sizes : (n,) largest size of a splat at each point; error : bound for new splats
     ratio : (m,) error of each splat over the tolerance; over 1 it is shrunk

@@ -148,6 +148,7 @@ def _find_isolated(reach: Floats, supporters: Supporters, typical: np.float32) -
     """Return the rows of wide discs that too few other wide discs support; isolated discs do not count as support.
 
     reach : (n,) distance to the farthest vertex of each point's Voronoi cell; typical : its median
+    supporters : for each wide disc, others that lie on a smooth sheet with it
     """
     rows, fit, around = supporters
     wanted = np.minimum(reach[rows] / typical, OTHERS)

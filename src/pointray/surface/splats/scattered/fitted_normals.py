@@ -55,7 +55,11 @@ def follow_normals(
 
 
 def _off_lines(near: NDArray[np.int32], evidence: Evidence, threads: int | None) -> NDArray[np.bool_]:
-    """Return where a point's neighbours form neither a line nor wires side by side, (n,). near : (n, k) their rows"""
+    """Return where a point's neighbours form neither a line nor wires side by side, (n,).
+
+    near : (n, k) rows of each point and its neighbours; evidence : planes fitted at four scales, with variances and
+        reach
+    """
     slim, slimmer = (medians(values, near, threads) for values in evidence.slimnesses[1:3])
     wide, far = (medians(values, near, threads) for values in evidence.reaches[1:])
     wires = (far > WIRES_GAP * wide) & (slimmer < STRIP_SLIMNESS)
