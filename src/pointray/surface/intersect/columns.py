@@ -41,7 +41,7 @@ Along: TypeAlias = tuple[tuple[_R, _R, _R], tuple[_R, _R, _R], tuple[_R, _R]]
 
 @inline
 def axes_of(tree: Tree, leaf: int) -> Axes:
-    """Return the axes (u, v, w) of a leaf's columns."""
+    """Return the axes (u, v, w) of a leaf's columns; w, along which they run, is closest to the normal of its slab."""
     offset = leaf * LEAF + SLAB
     return across(tree.leaves[offset], tree.leaves[offset + 1], tree.leaves[offset + 2])
 
@@ -55,7 +55,13 @@ def _edge(tree: Tree, leaf: int, axis: int) -> tuple[float, float]:
 
 @inline
 def _begin(coordinate: F16, inverse: F16) -> tuple[F16, F16, F16, F16]:
-    """Return, along one axis, the rays' current columns, the sides on which they leave, the steps, the last columns."""
+    """Prepare a walk of 16 rays through a leaf's columns along one axis.
+
+    coordinate : of the rays' positions, in column widths; inverse : of their directions
+
+    Returns the rays' columns (0 to 3), the sides on which they leave them (0 or 1), their steps (-1 or 1), and the last
+    columns on their way (0 or 3).
+    """
     ahead = inverse > ZERO
     column = trunc(vmin(vmax(coordinate, broadcast16(ZERO)), broadcast16(LAST)))
     side = select(ahead, broadcast16(ONE), broadcast16(ZERO))
@@ -64,7 +70,13 @@ def _begin(coordinate: F16, inverse: F16) -> tuple[F16, F16, F16, F16]:
 
 @inline
 def _in_columns(tree: Tree, leaf: int, axes: Axes, rays: Along[Real], enter: Real) -> Along[Real]:
-    """Transform rays to column coordinates: positions at `enter`, directions, inverse directions along u and v."""
+    """Transform rays to units of column widths along u and v, relative to the voxel's low corner.
+
+    axes : of the leaf's columns; rays : origins and directions along these, and inverse directions along u and v
+    enter : t where they enter the voxel
+
+    Returns positions at `enter`, directions, and inverse directions along u and v.
+    """
     (ou, ov, ow), (du, dv, dw), (iu, iv) = rays
     (low_u, wide_u), (low_v, wide_v) = _edge(tree, leaf, axes[0]), _edge(tree, leaf, axes[1])
     low_w = _edge(tree, leaf, axes[2])[0]
@@ -77,7 +89,11 @@ def _in_columns(tree: Tree, leaf: int, axes: Axes, rays: Along[Real], enter: Rea
 def _in_slab(
     slopes: tuple[F16, F16], borders: tuple[F16, F16], position: tuple[Real, Real, Real], d: tuple[Real, Real, Real]
 ) -> tuple[F16, F16]:
-    """Return t where rays enter and leave the slabs of columns, relative to `enter`."""
+    """Return t where rays enter and leave the slabs of columns, relative to where they enter the voxel.
+
+    slopes : B and C of slabs low <= w + B u + C v <= high; borders : low and high
+    position, d : positions and directions of the rays along u, v (in column widths) and w
+    """
     height, rise = (
         position[2] + slopes[0] * position[0] + slopes[1] * position[1],
         d[2] + slopes[0] * d[0] + slopes[1] * d[1],
@@ -91,8 +107,11 @@ def _in_slab(
 def narrow(tree: Tree, leaf: int, axes: Axes, rays: Along[F16], interval: tuple[F16, F16]) -> tuple[F16, F16]:
     """Return the part (low, high) of 16 rays' intervals in which the surface can be; low > high if there is none.
 
-    Either all columns of a leaf have limits or none do: without limits the intervals are returned unchanged.
-    axes : axes of the leaf's columns; rays : origins and directions along u, v, w, inverse directions along u and v
+    axes : of the leaf's columns; rays : origins and directions along these, and inverse directions along u and v
+    interval : t between which the rays are in the leaf's box and slab
+
+    It is the part in the slabs of the columns that each ray crosses. Either all columns of a leaf have a slab or none
+    do: then intervals are returned unchanged.
     """
     patch = leaf * PATCH
     if not tree.patches[patch + PATCH_LOW] > -INF:
@@ -128,7 +147,10 @@ def narrow(tree: Tree, leaf: int, axes: Axes, rays: Along[F16], interval: tuple[
 
 @inline
 def _across(coordinate: float, inverse: float, column: F16) -> tuple[F16, F16]:
-    """Return t where a ray enters and leaves columns along one axis; the outermost columns are unbounded outward."""
+    """Return t where one ray enters and leaves columns along one axis; the outermost columns are unbounded outward.
+
+    coordinate : of the ray's position, in column widths; inverse : of its direction; column : 0 to 3, one for each lane
+    """
     outside = broadcast16(INF if inverse > ZERO else -INF)
     low = select(column > ZERO, (column - coordinate) * inverse, ZERO - outside)
     high = select(column < broadcast16(LAST), (column + ONE - coordinate) * inverse, outside)
@@ -139,9 +161,13 @@ def _across(coordinate: float, inverse: float, column: F16) -> tuple[F16, F16]:
 def narrow_one(
     tree: Tree, leaf: int, axes: Axes, ray: Along[float], interval: tuple[float, float]
 ) -> tuple[float, float]:
-    """Return what `narrow` does for one ray, given as numbers: all columns are tested at once, one a lane.
+    """Return the part (low, high) of one ray's interval in which the surface can be; low > high if there is none.
 
-    With 16 equal rays, column by column, bounces took 1.02 (a million points) to 1.05 times as long (32,000).
+    axes : of the leaf's columns; ray : origin and direction along these, and inverse direction along u and v
+    interval : t between which the ray is in the leaf's box and slab
+
+    All columns are tested at once, one a lane. With 16 equal rays in `narrow`, column by column, bounces took 1.02 (a
+    million points) to 1.05 times as long (32,000).
     """
     patch = leaf * PATCH
     if not tree.patches[patch + PATCH_LOW] > -INF:

@@ -24,9 +24,11 @@ STEEP = f32(-0.35)  # cosine: tolerance for the difference of neighbouring norma
 def search_discs(
     tree: Tree, leaf: int, scratch: Scratch, frame: tuple[Vec3, float, Ray], enter: float, leave: float
 ) -> Hit:
-    """Find the nearest disc in the listed blocks that the ray hits inside the voxel, testing four discs at once.
+    """Find the nearest disc that a ray hits inside a voxel, testing the discs of four points at once (surface "disc").
 
-    frame : position of the first sample, t there, and the ray
+    Discs are those of the blocks listed in `scratch`, which are near the ray.
+
+    frame : position of the first sample, t there, and the ray; enter, leave : t of the voxel
     """
     position, start, ray = frame
     on_surface, ahead = ray.t_min >= ZERO, ray.t_min - start

@@ -48,7 +48,10 @@ NEAR = SLACK * SLACK  # factor of squared radii
 
 
 class Capsule(NamedTuple):
-    """All points within `spread` of the segment of half length `half` along the unit direction d about (x, y, z)."""
+    """All points within `spread` of a segment, which encloses parts of rays: a search for splats near them tests it.
+
+    x, y, z : middle of the segment; dx, dy, dz : its unit direction; half : half its length
+    """
 
     x: Real
     y: Real
@@ -62,7 +65,7 @@ class Capsule(NamedTuple):
 
 @inline
 def segment(o: Vec3, d: Vec3, t_low: float, t_high: float) -> Capsule:
-    """Return the capsule of a part of one ray."""
+    """Return the capsule of a part of one ray, from t_low to t_high; its spread is 0. o, d : origin and direction"""
     center = HALF * (t_low + t_high)
     x, y, z = o[0] + center * d[0], o[1] + center * d[1], o[2] + center * d[2]
     return Capsule(x, y, z, d[0], d[1], d[2], HALF * (t_high - t_low), ZERO)
@@ -72,8 +75,9 @@ def segment(o: Vec3, d: Vec3, t_low: float, t_high: float) -> Capsule:
 def around(part: Array, ends: tuple[int, int], frame: Frame, half: F16 | float, active: Mask) -> Capsule:
     """Return the capsule around parts of many rays. Its axis is the mean of two of them.
 
-    ends : indices of these two in `scratch.part`: along a Morton curve the first and the last are at opposite corners
-    frame, half : the parts as vectors: here the frame's positions are their centres; active : mask of valid lanes
+    part : `Scratch.part`, with the centres and directions of the rays' parts
+    ends : indices of these two in it: along a Morton curve the first and the last are at opposite corners
+    frame, half : centres, directions and half lengths of the parts, as vectors; active : mask of valid lanes
     """
     i, j = ends
     px, py, pz = (
@@ -114,7 +118,7 @@ def _distances(capsule: Capsule, x: F16, y: F16, z: F16) -> F16:
 
 @inline
 def list_blocks(tree: Tree, leaf: int, capsule: Capsule, scratch: Scratch) -> None:
-    """List the leaf's blocks whose bounding sphere meets the capsule."""
+    """Write the leaf's blocks whose bounding sphere meets a capsule to `scratch.near`. capsule : region around rays"""
     first, count = tree.spans[2 * leaf], tree.spans[2 * leaf + 1]
     n = 0
     for group in range(first, first + count):
@@ -131,7 +135,8 @@ def list_blocks(tree: Tree, leaf: int, capsule: Capsule, scratch: Scratch) -> No
 def nearest_slot(tree: Tree, leaf: int, x: float, y: float, z: float) -> int:
     """Return the slot of the splat that is nearest to a point, in radii, among those that a leaf lists.
 
-    It replaces the splat of most weight if all weights are zero: rounding can move a hit to the rim of all supports.
+    It replaces the splat of most weight if all weights are zero: rounding can move a hit to the rim of all supports. A
+    slot is four times the block plus the position in it.
     """
     best, nearest = i64(-1), np.inf
     first, count = tree.spans[2 * leaf], tree.spans[2 * leaf + 1]
@@ -151,7 +156,7 @@ def nearest_slot(tree: Tree, leaf: int, x: float, y: float, z: float) -> int:
 
 @inline
 def lists_sheets(tree: Tree, scratch: Scratch) -> bool:
-    """Return whether any of the listed splats belongs to a sheet with another one close by."""
+    """Return whether a splat in `scratch.listed`, those near the rays, is on a sheet with another one close by."""
     for k in range(scratch.counts[sc.COUNT_SPLATS]):
         row = 3 * slot_of(scratch, i64(scratch.listed[k]))
         if (tree.facing[row] | tree.facing[row + 1] | tree.facing[row + 2]) != 0:
@@ -161,9 +166,11 @@ def lists_sheets(tree: Tree, scratch: Scratch) -> bool:
 
 @inline
 def keep_sheet(tree: Tree, scratch: Scratch, frame: Frame, sought_side: float, rays: Bits) -> Bits:
-    """Drop the listed splats of sheets that the first of the given rays (4 bits) does not see.
+    """Drop the splats of sheets that the first of the given rays does not see from the list in `scratch`.
 
-    Return the rays that see the same sheets. Where two sheets are close together, a ray sees one at a time.
+    Where two sheets are close together, a ray sees one at a time. Returns the rays that see the same sheets.
+
+    frame : four rays; rays : those to search for, 4 bits
     sought_side : 1 to see splats that face a ray, -1 to see splats that face away
     """
     first, n = count_trailing_zeros(rays), 0
@@ -184,7 +191,10 @@ def keep_sheet(tree: Tree, scratch: Scratch, frame: Frame, sought_side: float, r
 
 @inline
 def gather(tree: Tree, scratch: Scratch) -> None:
-    """Copy the listed blocks' splats into groups of 16 that are tested at once; empty slots hold splats far away."""
+    """Copy the splats of the blocks in `scratch.near` to `scratch.splats`, in groups of 16 that are tested at once.
+
+    Empty slots hold splats far away.
+    """
     n = scratch.counts[sc.COUNT_NEAR]
     for k in range(n):
         block, offset = i64(scratch.near[k]) * BLOCK, k // 4 * sc.GATHERED + k % 4 * 4
@@ -199,7 +209,10 @@ def gather(tree: Tree, scratch: Scratch) -> None:
 
 @inline
 def list_splats(scratch: Scratch, capsule: Capsule) -> None:
-    """List the gathered splats whose support meets a part of a ray, given as a capsule without spread."""
+    """List in `scratch.listed` the splats whose support meets a part of one ray, given as a capsule without spread.
+
+    It selects from those that `gather` has copied to `scratch`.
+    """
     n, splats = 0, scratch.splats
     for group in range((scratch.counts[sc.COUNT_NEAR] + 3) // 4):
         offset = group * sc.GATHERED
@@ -211,7 +224,10 @@ def list_splats(scratch: Scratch, capsule: Capsule) -> None:
 
 @inline
 def list_splats_of(scratch: Scratch, first: int, end: int) -> None:
-    """List the gathered splats whose support meets one of the rays in `scratch.part`."""
+    """List in `scratch.listed` the splats whose support meets one of the rays `first` to `end` - 1 in `scratch.part`.
+
+    It selects from those that `gather` has copied to `scratch`.
+    """
     n, splats, part = 0, scratch.splats, scratch.part
     for group in range((scratch.counts[sc.COUNT_NEAR] + 3) // 4):
         offset = group * sc.GATHERED

@@ -18,9 +18,11 @@ NONZERO_BEGIN = f32(1e-30)  # replaces 0 as the start of a ray, so that it can h
 
 
 class SampleRange(NamedTuple):
-    """Samples of the rays to evaluate: indices of the first and the last one; and the rays' starts.
+    """Samples of 16 rays, or four, to evaluate in a voxel: a range of the lattice t = k step.
 
-    begin : negative if a ray begins elsewhere, or on no surface, so that the start rule does not apply; then never 0
+    first, last : indices k of the first and the last sample
+    begin : t where the ray begins if that is in the range, so that the start rule applies; negative if the ray begins
+        elsewhere, or on no surface
     """
 
     first: F16
@@ -30,11 +32,12 @@ class SampleRange(NamedTuple):
 
 @inline
 def sample_range(tree: Tree, leaf: int, interval: tuple[F16, F16, F16], begin: F16) -> tuple[SampleRange, Mask]:
-    """Return the samples to evaluate, and a mask of the rays whose samples are distinct in float32.
+    """Return the samples to evaluate in a leaf, and a mask of the rays whose samples are distinct in float32.
 
-    interval : where the rays enter the voxel, and the part in which the surface can be (tight box, slab)
-    begin : where the rays begin, see `scratch.BEGIN`
-    The next samples on both sides of the range lie outside the slab and the voxel: see `surface/tree/cells.py`.
+    interval : t where the rays enter the voxel, and the part (low, high) in which the surface can be (tight box, slab)
+    begin : t where the rays begin; negative if they start on no surface
+
+    The samples beyond both sides of the range lie outside the slab and the voxel.
     """
     enter, low, high = interval
     step = tree.leaves[leaf * LEAF + STEP]
@@ -51,21 +54,22 @@ def sample_range(tree: Tree, leaf: int, interval: tuple[F16, F16, F16], begin: F
 
 @inline
 def span(tree: Tree, leaf: int, sampled: SampleRange) -> tuple[F16, F16]:
-    """Return t of the first and the last sample."""
+    """Return t of the first and the last sample to evaluate in a leaf."""
     step = tree.leaves[leaf * LEAF + STEP]
     return sampled.first * step, sampled.last * step
 
 
 @inline
 def base_spacing(tree: Tree, leaf: int) -> F16:
-    """Return the length of the ray segments that share a base point, see `base_of`."""
+    """Return the length of ray segments in which positions are relative to the same base point: 16 samples."""
     return broadcast16(SAMPLES_PER_BASE * tree.leaves[leaf * LEAF + STEP])
 
 
 @inline
 def base_of(t: F16, length: F16) -> F16:
-    """Return the base of the segment that contains t, half a step before a sample.
+    """Return t of the base point of the ray segment that contains t. length : of segments, 16 samples of the leaf
 
-    It depends on t alone. So a sample has the same bits in every voxel that evaluates it, and beside any other rays.
+    Positions relative to a point nearby are precise in float32. The base depends on t alone, and is half a step before
+    a sample. So a sample has the same bits in every voxel that evaluates it, and beside any other rays.
     """
     return trunc(t / length + f32(0.5) / SAMPLES_PER_BASE) * length

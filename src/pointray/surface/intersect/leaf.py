@@ -36,7 +36,7 @@ BEYOND = i64(-(2**63))  # a bit beyond those of all rays but the last one; read 
 
 @inline
 def together(tree: Tree) -> bool:
-    """Return whether a leaf is searched for several rays together: not for surfaces of discs."""
+    """Return whether leaves of a tree are searched for several rays together: not for surfaces of discs."""
     return int(tree.head[SURFACE]) != DISC
 
 
@@ -46,10 +46,12 @@ def search_alone(
 ) -> tuple[Hit, float]:
     """Find the first hit of a ray in a leaf's voxel.
 
-    Where two sheets are close together their normals cancel, and one step may cross both. So the sheets that face the
-    ray are searched first, and then those that face away, each as if the others did not exist.
-    interval : where the ray enters and leaves the voxel, and the part in which the surface can be (tight box, slab)
-    lift : lift of f by the start rule so far, see `march.py`; the value after the search is returned
+    interval : t where the ray enters and leaves the voxel, and the part in which the surface can be (tight box, slab)
+    lift : constant that is added to f because the ray starts on the surface (start rule)
+
+    Returns the hit, and the lift after the search. Where two sheets are close together their normals cancel, and one
+    step may cross both. So the sheets that face the ray are searched first, and then those that face away, each as if
+    the others did not exist.
     """
     enter, leave, low, high = interval
     hit, lifted = Hit(INF, ZERO, ZERO, ZERO, -1), ZERO
@@ -104,7 +106,12 @@ def search_alone(
 
 @inline
 def _along(axes: Axes, rows: Array, v: int) -> Along[F16]:
-    """Load 16 rays of the tile, from index v on, along the axes of a leaf's columns: see `narrow`."""
+    """Load 16 rays of the tile, from index v on, along the axes of a leaf's columns.
+
+    rows : `Scratch.model`, the rays
+
+    Returns origins and directions along u, v, w, and inverse directions along u and v.
+    """
     x, y, z = axes[0] * sc.TILE + v, axes[1] * sc.TILE + v, axes[2] * sc.TILE + v
     return (
         (load16(rows, sc.OX + x), load16(rows, sc.OX + y), load16(rows, sc.OX + z)),
@@ -115,7 +122,7 @@ def _along(axes: Axes, rows: Array, v: int) -> Along[F16]:
 
 @inline
 def _take(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
-    """Copy the passing rays of the tile (bits) into `scratch.part`; return the rays that were copied.
+    """Copy the rays of the tile that enter a leaf (`passing`, bits) into `scratch.part`; return the copied ones.
 
     Rays that miss the surface in every column are left out, as are those whose samples are not distinct in float32.
     """
@@ -160,7 +167,7 @@ def _take(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
 
 @inline
 def _gather_for(tree: Tree, leaf: int, first: int, count: int, scratch: Scratch) -> None:
-    """List and gather the blocks near up to 16 of the rays in `scratch.part`."""
+    """Copy the splats of the blocks near up to 16 rays to `scratch.splats`. first, count : rays in `scratch.part`"""
     part = scratch.part
     frame = Frame(
         load16(part, sc.AT_X + first),
@@ -179,7 +186,7 @@ def _gather_for(tree: Tree, leaf: int, first: int, count: int, scratch: Scratch)
 
 @inline
 def _four(tree: Tree, leaf: int, part: Array, first: int) -> tuple[Frame, SampleRange]:
-    """Load the frame and the samples of the rays first to first + 3 in `scratch.part`."""
+    """Load the rays first to first + 3 of `Scratch.part`, and the ranges of their samples in a leaf."""
     sampled = SampleRange(
         repeat4(part, sc.AT_FIRST + first), repeat4(part, sc.AT_LAST + first), repeat4(part, sc.AT_BEGIN + first)
     )
@@ -198,8 +205,9 @@ def _four(tree: Tree, leaf: int, part: Array, first: int) -> tuple[Frame, Sample
 
 @inline
 def _keep(leaf: int, found: Found, asked: Bits, rays: Bits, first: int, scratch: Scratch) -> Bits:
-    """Store nearer hits of the requested rays (`asked`, 4 bits) among four; return the rays that were lifted.
+    """Store nearer hits of four rays of the tile; return, as bits of the tile, those to which the start rule applies.
 
+    found : hits in the leaf; asked : 4 bits, rays whose hits count; first : of the four in `scratch.part`
     rays : indices of the four in the tile, as bits; where there are fewer, the others have no hit. The loop always
         takes four steps, so that lanes are compile-time constants, which saves 1 to 2% of the time
     """
@@ -219,10 +227,10 @@ def _keep(leaf: int, found: Found, asked: Bits, rays: Bits, first: int, scratch:
 
 @inline
 def search_together(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
-    """Search a leaf for the passing rays of a tile (bits), four by four; return those that the start rule lifted.
+    """Search a leaf for the passing rays of a tile (bits), four by four; return those to which the start rule applies.
 
-    Where two sheets are close together, each ray sees one at a time, see `search_alone`: rays that see the same sheet
-    are searched together.
+    These are traced again, one by one. Where two sheets are close together, each ray sees one at a time: those that
+    face it first, then those that face away. Rays that see the same sheet are searched together.
     """
     left = _take(tree, leaf, passing, scratch)
     part, lifted, first = scratch.part, i64(0), 0

@@ -43,10 +43,10 @@ FAINT = f32(0.1)  # weight (1 in the middle of a splat) below which a sample is 
 
 
 class Frame(NamedTuple):
-    """Rays in a voxel, in vectors: four rays as lane 4 s + r, or sixteen rays.
+    """Rays in a voxel, in vectors: four rays, with sample s of ray r in lane 4 s + r, or sixteen rays.
 
-    (x, y, z) : origin; (dx, dy, dz) : unit direction
-    base_spacing : see `lattice.base_of`
+    x, y, z : origin; dx, dy, dz : unit direction
+    base_spacing : length of ray segments in which positions are relative to the same point, for precision in float32
     side : +1 if a ray that starts on the surface is outside, -1 if it is inside
     """
 
@@ -61,7 +61,10 @@ class Frame(NamedTuple):
 
 
 class Pair(NamedTuple):
-    """Two neighbouring samples of each ray: t, f and its slope along the ray."""
+    """Two neighbouring samples of each ray, between which f may be zero: t, f and its slope along the ray.
+
+    ta, fa, slope_a : at the first; tb, fb, slope_b : at the second
+    """
 
     ta: F16
     fa: F16
@@ -72,7 +75,10 @@ class Pair(NamedTuple):
 
 
 class Foot(NamedTuple):
-    """Data for accepting a root: the direction in which f rises, and the squared distance |x - P(x)|^2."""
+    """What decides whether a root of f is a hit, and its normal.
+
+    nx, ny, nz : direction in which f rises; away : squared distance of the position from the mean centre of its splats
+    """
 
     nx: F16
     ny: F16
@@ -81,9 +87,11 @@ class Foot(NamedTuple):
 
 
 class Root(NamedTuple):
-    """A root between two samples: t (inf: none), half of the rise of f over the last bracket, and the foot.
+    """A root of f between two samples of each ray.
 
-    joined : mask, the foot is interpolated between two close samples; elsewhere it is unknown
+    t : inf for none; rise : half of the rise of f over the last interval around the root
+    joined : mask, `foot` is interpolated between two close samples; elsewhere it is unknown
+    foot : normal at the root, and its distance from the splats
     """
 
     t: F16
@@ -94,19 +102,19 @@ class Root(NamedTuple):
 
 @inline
 def fold(word: Bits) -> Bits:
-    """Return the rays with a bit in any of their samples: 4 bits."""
+    """Return the rays with a bit in any of their samples, 4 bits. word : 16 bits, sample s of ray r at 4 s + r"""
     return (word | (word >> 4) | (word >> 8) | (word >> 12)) & 15
 
 
 @inline
 def all_samples(rays: Bits) -> Mask:
-    """Return the mask of all samples of the given rays (4 bits)."""
+    """Return the mask of all samples of the given rays (4 bits): sample s of ray r is lane 4 s + r."""
     return mask16(rays * 0x1111)
 
 
 @inline
 def first_samples(word: Bits) -> Bits:
-    """Keep, for each ray, only the bit of its first sample."""
+    """Keep, for each ray, only the bit of its first sample. word : 16 bits, sample s of ray r at 4 s + r"""
     seen = word | (word << 4)
     seen |= seen << 8
     return word & ~(seen << 4) & 0xFFFF
@@ -114,13 +122,13 @@ def first_samples(word: Bits) -> Bits:
 
 @inline
 def sample(vector: F16, one: Mask) -> F16:
-    """Repeat one selected lane of each ray in all its samples; 0 if none is. one : mask, a lane for each ray"""
+    """Repeat one selected lane of each of four rays in all its samples; 0 if none is. one : mask of these lanes"""
     return sum_over_quarters(select(one, vector, broadcast16(ZERO)))
 
 
 @inline
 def place(frame: Frame, t: F16, start: F16) -> tuple[F16, F16, F16]:
-    """Return the points at t on the rays, relative to a point near them: differences between samples are exact."""
+    """Return the points at t on the rays. start : t near them; from there differences between samples are exact"""
     x, y, z = start * frame.dx + frame.x, start * frame.dy + frame.y, start * frame.dz + frame.z
     s = t - start
     return s * frame.dx + x, s * frame.dy + y, s * frame.dz + z
@@ -128,14 +136,17 @@ def place(frame: Frame, t: F16, start: F16) -> tuple[F16, F16, F16]:
 
 @inline
 def means_at(scratch: Scratch, frame: Frame, t: F16, start: F16) -> Means:
-    """Return the weighted means at each ray's samples t; start : see `place`."""
+    """Return the weighted means over the splats near the rays at samples t, from which f is computed.
+
+    start : t near the samples, relative to which positions are computed
+    """
     x, y, z = place(frame, t, start)
     return sums(scratch, x, y, z)
 
 
 @inline
 def evaluate(tree: Tree, scratch: Scratch, frame: Frame, t: F16) -> tuple[F16, F16]:
-    """Return f, positive on the rays' own side, and its slope along the rays."""
+    """Return f at t, positive on the rays' own side (`Frame.side`), and its slope along the rays."""
     means = means_at(scratch, frame, t, base_of(t, frame.base_spacing))
     f, _ = value(int(tree.head[SURFACE]), means)
     slope = means.nx * frame.dx + means.ny * frame.dy + means.nz * frame.dz
@@ -150,7 +161,10 @@ def crossing(a: F16, b: F16) -> Mask:
 
 @inline
 def foot_of(means: Means, u4: F16) -> Foot:
-    """Return the mean normal (for apss the sphere's gradient), and the squared distance of x from the splats' mean."""
+    """Return the direction in which f rises, and the squared distance of x from the mean centre of the splats.
+
+    u4 : curvature term of the fitted sphere, 0 except for apss
+    """
     bend = TWO * u4
     return Foot(
         means.nx - bend * means.qx,
@@ -162,7 +176,10 @@ def foot_of(means: Means, u4: F16) -> Foot:
 
 @inline
 def unit(foot: Foot) -> tuple[tuple[F16, F16, F16], Mask]:
-    """Return unit normals, and a mask of where they exist: not where normals cancel, and not where they are NaN."""
+    """Return unit normals at roots, and a mask of where they exist: not where normals cancel or are NaN.
+
+    foot : direction in which f rises at each root, not of unit length
+    """
     square = foot.nx * foot.nx + foot.ny * foot.ny + foot.nz * foot.nz
     scale = ONE / vsqrt(square)
     return (foot.nx * scale, foot.ny * scale, foot.nz * scale), (square > CANCELLED) & (square < INF)
@@ -170,7 +187,11 @@ def unit(foot: Foot) -> tuple[tuple[F16, F16, F16], Mask]:
 
 @inline
 def _between(foot: Foot, after: Any, share: F16) -> Foot:
-    """Interpolate the foot between a sample (bits, one for each ray) and the one before it; 0 without a bit."""
+    """Interpolate normal and distance between a sample and the one before it; 0 without a bit.
+
+    foot : both at all samples; after : bits of the second samples, one for each ray
+    share : 0 at the first, 1 at the second
+    """
     before, after = mask16(after >> 4), mask16(after)
     nothing = broadcast16(ZERO)
     weight, both = select(after, share, ONE - share), before | after
@@ -184,7 +205,7 @@ def _between(foot: Foot, after: Any, share: F16) -> Foot:
 
 @inline
 def choose(mask: Mask, a: Foot, b: Foot) -> Foot:
-    """Select foot a in the lanes where the mask is set, else foot b."""
+    """Return normal and distance at roots from `a` in the lanes where the mask is set, else from `b`."""
     return Foot(
         select(mask, a.nx, b.nx), select(mask, a.ny, b.ny), select(mask, a.nz, b.nz), select(mask, a.away, b.away)
     )
@@ -192,7 +213,11 @@ def choose(mask: Mask, a: Foot, b: Foot) -> Foot:
 
 @inline
 def _four_t(ta: F16, tb: F16, around: F16, inner: F16, outer: F16) -> F16:
-    """Return four t in brackets around `around`: two at the inner and two at the outer distance, in bracket lengths."""
+    """Return four t in the interval from ta to tb of each ray, at which f is evaluated next.
+
+    around : place to search around, 0 at ta to 1 at tb
+    inner, outer : distances of two t each from it, in lengths of the interval
+    """
     near = mask16(0x0FF0)
     sign = quarters(-ONE, -ONE, ONE, ONE)
     share = vmin(vmax(around, broadcast16(ZERO)), broadcast16(ONE)) + sign * select(near, inner, outer)
@@ -201,15 +226,16 @@ def _four_t(ta: F16, tb: F16, around: F16, inner: F16, outer: F16) -> F16:
 
 @inline
 def look_into(tree: Tree, scratch: Scratch, frame: Frame, pair: Pair, crosses: Mask, todo: Bits, lift: F16) -> Root:
-    """Find the first crossing between two samples, with the model's number of secant steps.
+    """Find the first zero of f between two samples of each of four rays, with the model's number of secant steps.
 
-    crosses : mask, rays whose two samples have different signs; for the others four samples look for a crossing first
-    todo : 4 bits, the rays to search for; lift : the lift of f by the start rule
+    pair : the samples; crosses : mask, rays whose two samples have different signs; for the others four samples look
+        for a change of sign first
+    todo : 4 bits, the rays to search for; lift : constant that is added to f of rays that start on the surface
 
-    A step evaluates four samples around the estimate; the first part with a crossing is the next bracket. Where an
-    estimate was off (the crossing is not between the two close samples), up to MORE steps follow. With one of these, up
-    to 17 of 1.4 million rays on a scan ended more than 2% of the radius apart in different trees; with three, none did
-    on ten of twelve scans, and 7 did on the noisiest.
+    A step evaluates four samples around the estimate; the first part with a crossing is the next interval. Where an
+    estimate was off (the crossing is not between the two close samples), up to three steps follow. With one of these,
+    up to 17 of 1.4 million rays on a scan ended more than 2% of the radius apart in different trees; with three, none
+    did on ten of twelve scans, and 7 did on the noisiest.
     """
     ta, fa, tb, fb = pair.ta, pair.fa, pair.tb, pair.fb
     steps = tree.head[REFINE]

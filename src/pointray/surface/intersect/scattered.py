@@ -59,9 +59,10 @@ def approach(to: Three, d: Three, square: Real) -> tuple[Real, Real]:
 
 @inline
 def meet_sphere(chord: tuple[Real, Real], start: tuple[Real, Real], square: Real) -> Real:
-    """Return t where a ray hits a sphere, inf for a miss.
+    """Return t where a ray hits a sphere, inf for a miss. A ray that starts on the sphere only hits it from inside.
 
-    chord : see `approach`; start : `Ray.t_min` and `Ray.side`; square : squared radius
+    chord : t nearest to the centre, and the squared half chord, from `approach`; square : squared radius
+    start : t where the ray begins (negative if it starts on no surface), and its side, -1 if it starts inside
     """
     (along, rest), (begin, side) = chord, start
     half = vsqrt(rest)
@@ -81,7 +82,11 @@ def meet_disc(
     begin: Real,
     disc: tuple[Real, Real, Real, Real],
 ) -> Real:
-    """Return t where a ray hits a flat disc, inf for a miss, as `meet_sphere`. disc : normal and squared radius"""
+    """Return t where a ray hits a flat disc, inf for a miss. A ray that starts on the disc does not hit it.
+
+    to : from the ray's origin to the centre; d : unit direction; disc : normal and squared radius
+    begin : t where the ray begins (negative if it starts on no surface)
+    """
     mx, my, mz, square = disc
     rise = mx * d[0] + my * d[1] + mz * d[2]
     height = mx * to[0] + my * to[1] + mz * to[2]
@@ -94,15 +99,17 @@ def meet_disc(
 
 @inline
 def _row(tree: Tree, at: int) -> F8:
-    """Load a row of two blocks."""
+    """Load a row of two consecutive blocks: one number for each of eight splats. at : its offset in the first block"""
     return join2(tree.blocks, at, at + tr.BLOCK)
 
 
 @inline
 def nearest_of_leaf(tree: Tree, block: int, ray: Ray, nearest: float, slot: int) -> tuple[float, int]:
-    """Return (t, slot) of the nearest scattered point of a leaf that the ray hits, or the earlier one if it is nearer.
+    """Return t and slot of the nearest scattered point of a leaf that a ray hits, or of an earlier hit if it is nearer.
 
-    nearest, slot : the earlier hit, or the end of the search and -1. Of points at the same t the first slot wins.
+    block : first of the leaf's two; nearest, slot : the earlier hit, or the end of the search and -1
+
+    A slot is four times the block plus the position in it. Of points at the same t the first slot wins.
     """
     at = block * tr.BLOCK
     to = _row(tree, at + tr.PX) - ray.ox, _row(tree, at + tr.PY) - ray.oy, _row(tree, at + tr.PZ) - ray.oz
@@ -122,7 +129,12 @@ def nearest_of_leaf(tree: Tree, block: int, ray: Ray, nearest: float, slot: int)
 
 @inline
 def begin_scattered(rows: Array, numbers: Array, length: int, span: tuple[int, int]) -> None:
-    """Reset the hits of a span of the tile's rays in a model. length : the row of how far they are followed"""
+    """Reset the hits of rays of a tile with scattered points, before a model is traversed.
+
+    rows, numbers : `Scratch.model` and `Scratch.numbers`
+    length : row of `rows` that says how far the rays are followed
+    span : first ray, and the end
+    """
     for k in range(span[0], span[1]):
         rows[sc.SCATTER_T + k] = rows[sc.HIT_T + k] = INF
         rows[sc.SCATTER_END + k] = rows[length + k]
@@ -133,7 +145,9 @@ def begin_scattered(rows: Array, numbers: Array, length: int, span: tuple[int, i
 def search_leaf(tree: Tree, block: int, passing: Bits, v: int, scratch: Scratch) -> Bits:
     """Find the nearest hits of 16 rays of the tile, from v on, with the scattered points of a leaf.
 
-    passing : the rays, as bits; return those with a new hit, and perhaps some with one at the same t
+    block : first of the leaf's two; passing : the rays, as bits
+
+    Returns the rays with a new hit, and perhaps some with one at the same t.
     """
     rows, numbers = scratch.model, scratch.numbers
     ox, oy, oz = load16(rows, sc.OX + v), load16(rows, sc.OY + v), load16(rows, sc.OZ + v)
@@ -167,7 +181,10 @@ def search_leaf(tree: Tree, block: int, passing: Bits, v: int, scratch: Scratch)
 
 @inline
 def hit_scattered(tree: Tree, slot: int, t: float, o: Vec3, d: Vec3) -> Hit:
-    """Return a ray's hit with a scattered point. Its normal is exact; that of a sphere points outwards."""
+    """Return a ray's hit with a scattered point. Its normal is exact; that of a sphere points outwards.
+
+    slot : of the point, four times its block plus the position in it; t : of the hit; o, d : origin and unit direction
+    """
     at = slot // 4 * tr.BLOCK + slot % 4
     if tree.head[tr.SCATTER] == tr.SPHERES:
         # From the ray's nearest point to the centre: differences of small vectors, at any distance from the origin.
@@ -184,7 +201,10 @@ def hit_scattered(tree: Tree, slot: int, t: float, o: Vec3, d: Vec3) -> Hit:
 
 @inline
 def finish_scattered(tree: Tree, span: tuple[int, int], scratch: Scratch) -> None:
-    """Make the nearest scattered points the hits of a span of rays, except where the surface is at least as near."""
+    """Make the nearest scattered points the hits of rays of a tile, except where the surface is at least as near.
+
+    span : first ray, and the end
+    """
     rows, numbers = scratch.model, scratch.numbers
     for k in range(span[0], span[1]):
         slot, t = numbers[sc.SCATTER_SLOT + k], rows[sc.SCATTER_T + k]

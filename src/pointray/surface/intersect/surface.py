@@ -35,7 +35,11 @@ Sheet: TypeAlias = tuple[bool, Vec3]  # whether sheets are close together, and t
 
 
 class Means(NamedTuple):
-    """Weighted means over splats at sixteen points: E[q], E[n], E[q.n] and E[q.q]; and the sum of the weights."""
+    """Weighted means over the splats near sixteen points x, from which f is computed.
+
+    qx, qy, qz : mean of q = p - x, the splats' positions relative to x; nx, ny, nz : mean of their normals n
+    qn, qq : means of q.n and of q.q; weight : sum of the weights, 0 outside of all supports
+    """
 
     qx: F16
     qy: F16
@@ -50,7 +54,7 @@ class Means(NamedTuple):
 
 @inline
 def sums(scratch: Scratch, x: F16, y: F16, z: F16) -> Means:
-    """Compute the weighted means over the listed splats at sixteen points.
+    """Compute the weighted means over the splats listed in `scratch`, those near the rays, at sixteen points.
 
     It takes 21 vector instructions a splat. At a point outside all supports the weight is 0 and the means are NaN.
     """
@@ -97,7 +101,10 @@ def sums(scratch: Scratch, x: F16, y: F16, z: F16) -> Means:
 
 @inline
 def value(surface: int, means: Means) -> tuple[F16, F16]:
-    """Return f (NaN without support) and u4, the curvature term of the fitted sphere (0 except for apss)."""
+    """Return f (NaN without support) and u4, the curvature term of the fitted sphere (0 except for apss).
+
+    surface : kind of surface, such as PAPER; means : over the splats, at sixteen points
+    """
     qx, qy, qz, nx, ny, nz, qn, qq, weight = means
     plane = qx * nx + qy * ny + qz * nz
     u4 = weight * ZERO
@@ -114,7 +121,7 @@ def value(surface: int, means: Means) -> tuple[F16, F16]:
 
 @inline
 def _weight(scratch: Scratch, offset: int, x: F16, y: F16, z: F16) -> F16:
-    """Return the weights of one listed splat at sixteen points."""
+    """Return the weights of one splat at sixteen points, 0 outside of its support. offset : in `scratch.splats`"""
     splats = scratch.splats
     qx, qy, qz = (
         broadcast_from(splats, offset + 4 * PX) - x,
@@ -127,8 +134,9 @@ def _weight(scratch: Scratch, offset: int, x: F16, y: F16, z: F16) -> F16:
 
 @inline
 def local_radius(scratch: Scratch, x: F16, y: F16, z: F16) -> F16:
-    """Average r^2 with the surface's weights and return its root (averaging 1 / r^2 trims hits where radii differ
-    much).
+    """Return the root mean square of the support radii of the splats at sixteen points, with the weights of f.
+
+    Averaging 1 / r^2 instead would trim hits where radii differ much.
     """
     weight = square = broadcast16(ZERO)
     for k in range(scratch.counts[COUNT_SPLATS]):
@@ -141,9 +149,10 @@ def local_radius(scratch: Scratch, x: F16, y: F16, z: F16) -> F16:
 
 @inline
 def overhang(tree: Tree, scratch: Scratch, x: F16, y: F16, z: F16) -> tuple[F16, F16]:
-    """Return the weight share of splats on an open border, and the distance of the points beyond them.
+    """Return how much sixteen points depend on splats on an open border, and how far they are beyond these splats.
 
-    The distance is the weighted mean of (x - p).b over those splats; b is the direction out of the surface.
+    The first is their share of the weight, the second the weighted mean of (x - p).b over them; b is the direction out
+    of the surface, p the splat's position.
     """
     total = share = broadcast16(f32(1e-30))
     out = broadcast16(ZERO)
@@ -167,7 +176,10 @@ def overhang(tree: Tree, scratch: Scratch, x: F16, y: F16, z: F16) -> tuple[F16,
 
 @inline
 def weights_of_block(tree: Tree, block: int, x: Real, y: Real, z: Real) -> F16:
-    """Return the weights of a block's splats at one point, repeated in all quarters, or at four points."""
+    """Return the weights of a block's four splats at one point, repeated in all quarters, or at four points.
+
+    x, y, z : one point as numbers, or four points, each in a quarter of the lanes
+    """
     slot = i64(block) * BLOCK
     qx = repeat4(tree.blocks, slot + PX) - x
     qy = repeat4(tree.blocks, slot + PY) - y
@@ -178,8 +190,9 @@ def weights_of_block(tree: Tree, block: int, x: Real, y: Real, z: Real) -> F16:
 
 @inline
 def weights_seen(tree: Tree, block: int, points: FourPoints, sheet: Sheet, part: Array) -> F16:
-    """Return the weights of one block's splats at four points, a quarter each; 0 if a splat's sheet is not visible.
+    """Return the weights of one block's splats at four hits, a quarter each; 0 if a splat's sheet is not visible.
 
+    points : x, y, z, a quarter of the lanes for each hit; part : work space
     sheet : whether sheets are close together, and the normal of the hit, turned to the viewer
     """
     x, y, z = points

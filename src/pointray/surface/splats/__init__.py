@@ -1,6 +1,7 @@
 """Support of splats (radius, open border, opposite sheets) from points; subsampling; levels of detail.
 
-support : radii, borders and sheets from one neighbour search (`find_support`, which `Model` calls)
+support : radii, borders and sheets from one neighbour search (`find_support`)
+build : splats of a model in kd order, the input of `build_tree`
 radii, voronoi, cells, closed : the smallest radii that cover the surface, from Voronoi cells
 wide_discs, gaps : limits of discs that would be too wide
 medians : medians over the neighbours of each point

@@ -20,10 +20,14 @@ def attribute_averages(
     least: float = KNOWN,
     categories: Collection[str] | None = None,
 ) -> dict[str, NDArray[Any]]:
-    """Average attributes over groups of points. Dtypes are kept; means of integers are rounded.
+    """Average attributes over groups of points: means, or the most common value of categories such as classes.
+
+    Dtypes are kept; means of integers are rounded.
 
     Parameters
     ----------
+    attributes : dict
+        Arrays (n, ...), one row per point, by name.
     order : (m,) array of ints
         Rows of the points, group by group.
     starts : (g,) array of ints
@@ -41,7 +45,10 @@ def attribute_averages(
 
 
 def have_categories(name: str, chunks: Iterable[NDArray[Any]]) -> bool:
-    """Like `has_categories`, for values that come in chunks, which need not fit into memory together."""
+    """Return whether an attribute holds categories, such as classes, so that its mean is meaningless.
+
+    name : of the attribute; chunks : its values, array by array, which need not fit into memory together
+    """
     rows, found = 0, None
     for chunk in chunks:
         if chunk.ndim != 1 or (chunk.dtype.kind != "f" and is_label(name)):
@@ -54,7 +61,10 @@ def have_categories(name: str, chunks: Iterable[NDArray[Any]]) -> bool:
 
 
 def has_categories(name: str, values: NDArray[Any]) -> bool:
-    """Return whether values are categorical, so that their mean is meaningless: classes, or station numbers."""
+    """Return whether values are categorical, so that their mean is meaningless: classes, or station numbers.
+
+    values : (n, ...) of an attribute; name : of this attribute, which may show that it holds labels
+    """
     if values.ndim == 1 and values.dtype.kind != "f" and is_label(name):
         return True
     return categories_of(values, name) is not None
@@ -80,13 +90,16 @@ def _means(
 
 
 def _between(mean: NDArray[np.float64], low: NDArray[Any], high: NDArray[Any]) -> NDArray[Any]:
-    """Round means to the dtype of their limits `low` and `high`, and clip them to these."""
+    """Convert means to the dtype of `low` and `high`, the extremes of the averaged values, and clip them to these."""
     inside = (mean > low) & (mean < high)
     return np.where(inside, np.where(inside, mean, 0).astype(low.dtype), np.where(mean <= low, low, high))
 
 
 def commonest(rows: NDArray[Any], starts: NDArray[np.integer[Any]]) -> NDArray[Any]:
-    """Return the most common value of each group of rows, (g,); the least of equally common ones."""
+    """Return the most common value of each group of rows, (g,); the least of equally common ones.
+
+    rows : (n,) values, group by group; starts : (g,) start of each group
+    """
     groups = np.zeros(len(rows), np.int64)
     groups[starts[1:]] = 1
     groups = np.cumsum(groups)

@@ -32,7 +32,10 @@ def _turn(x: float, y: float) -> float:
 
 @inline
 def insert(found: Array, count: int, x: float, y: float) -> int:
-    """Insert a direction into the first `count` rows of `found`, sorted by turn; rows are turn, x, y."""
+    """Insert a direction (x, y), unless it is zero, into the first `count` rows of `found`; return their new number.
+
+    Rows are turn, x, y, sorted by turn: a number from -2 to 2 that increases with the angle.
+    """
     if x == 0.0 and y == 0.0:
         return count
     turn, k = _turn(x, y), count
@@ -48,7 +51,13 @@ def insert(found: Array, count: int, x: float, y: float) -> int:
 def _closed_directions(
     positions: Array, normals: Array, i: int, near: Array, axes: tuple[Vec3, Vec3], found: Array
 ) -> int:
-    """Write the tangent directions that the neighbours of splat i close; return their number."""
+    """Write the tangent directions in which the surface continues from splat i to its neighbours; return their number.
+
+    near : rows of the neighbours; axes : two tangents
+    found : output, rows turn, x, y, sorted by turn, a number that increases with the angle
+
+    A neighbour across a fold also closes the direction of the fold, as it may itself lie on the same side as others.
+    """
     u, v = axes
     count = 0
     for j in near:
@@ -70,7 +79,10 @@ def _closed_directions(
 
 @inline
 def widest(found: Array, count: int) -> tuple[float, float]:
-    """Return the widest gap between directions as an angle, 0 if it is below GAP, and the angle of its middle."""
+    """Return the widest gap between directions as an angle, 0 if it is below 115 degrees, and the angle of its middle.
+
+    found : `count` rows turn, x, y, sorted by turn, a number that increases with the angle
+    """
     gap, middle = (2.0 * math.pi, 0.0) if count == 0 else (0.0, 0.0)
     for k in range(count):
         before = k - 1 if k > 0 else count - 1
@@ -85,7 +97,12 @@ def widest(found: Array, count: int) -> tuple[float, float]:
 
 @kernel
 def _find_gaps(work: Array, positions: Array, normals: Array, rows: Array, near: Array, out: Array) -> int:
-    """Write the direction of the middle of each splat's widest gap, or zero if it is no wider than GAP."""
+    """Write the outward direction of each splat on a possible open border, else zero.
+
+    It is the middle of the widest gap between the directions of neighbours in the tangent plane, if over 115 degrees.
+
+    rows : (m,) the splats; near : (m, k) rows of these and their neighbours; out : (m, 3)
+    """
     positions, normals, near, out = borrow(positions), borrow(normals), borrow(near), borrow(out)
     memory = np.empty((2 * near.shape[1], 3))
     found = borrow(memory)
@@ -111,6 +128,8 @@ def find_gaps(
 ) -> NDArray[np.float32]:
     """Find the outward direction of points on a possible open border.
 
+    It is the middle of the widest gap between the directions of neighbours in the tangent plane, if over 115 degrees.
+
     Parameters
     ----------
     positions : (n, 3) float32
@@ -133,7 +152,7 @@ def find_gaps(
 
 
 def isolated_borders(found: NDArray[np.bool_], near: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
-    """Return which border points have too few neighbours on a border: single gaps occur by chance.
+    """Return which border points have fewer than two neighbours on a border, (m,): single gaps occur by chance.
 
     found : (n,) bool, border points; near : (m, k), rows of border points and their neighbours
     """

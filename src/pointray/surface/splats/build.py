@@ -22,9 +22,9 @@ Floats = NDArray[np.float32]
 
 
 class Sizes(NamedTuple):
-    """Radii of splats, or how to choose them.
+    """Radii of n splats, or how to choose them.
 
-    given : (n,) float32 radii; None to choose them
+    given : (n,) float32, support radii; None to choose them
     scale : factor for all radii
     within : lower limit, and (n,) float32 upper limits, of chosen radii; only for levels of detail
     others : (m, 3) float32, scattered points of the same cloud; they limit gaps between chosen discs
@@ -36,7 +36,7 @@ class Sizes(NamedTuple):
     others: Floats | None = None
 
     def select(self, mask: NDArray[np.bool_]) -> Sizes:
-        """Return the sizes of the points in a mask."""
+        """Return the sizes of the points in a mask (n,)."""
         given = None if self.given is None else self.given[mask]
         within = None if self.within is None else (self.within[0], self.within[1][mask])
         return self._replace(given=given, within=within)
@@ -45,8 +45,9 @@ class Sizes(NamedTuple):
 class SplatBuild(NamedTuple):
     """Splats in kd order, with the rows and radii of all points.
 
+    splats : input of `build_tree`, without points that share their position with many others
     rows : (n,) int32, the caller's row of each point in kd order, including points without a splat
-    radii : (n,) float32, radii of these points
+    radii : (n,) float32, support radii of these points
     tight : whether many radii are too small to cover the surface
     """
 
@@ -73,6 +74,11 @@ def make_splats(
         Finite points.
     rows : (n,) int32
         The caller's row of each point.
+    sizes : Sizes
+        Radii, or how to choose them.
+    settings : TreeSettings
+        Kind of surface; borders are found if it limits the overhang beyond them.
+    progress : callable, optional
     """
     automatic, level = settings.overhang < np.inf, sizes.within is not None
     report_progress(progress, 0.0)
@@ -109,7 +115,10 @@ def make_splats(
 
 
 def check_size(radii: Floats, scale: str = "radius_scale") -> None:
-    """Check that squares of radii and their inverses fit into float32. scale : name of the factor in messages"""
+    """Raise ValueError unless squares of radii and their inverses fit into float32.
+
+    scale : name of the parameter that scaled them, for the message
+    """
     if radii.min() < SMALLEST or radii.max() > LARGEST:
         raise ValueError(
             f"radii range from {radii.min():.3g} to {radii.max():.3g} with {scale} applied: "
@@ -118,7 +127,7 @@ def check_size(radii: Floats, scale: str = "radius_scale") -> None:
 
 
 def _not_crowded(splats: Splats, crowded: NDArray[np.bool_]) -> Splats:
-    """Remove the crowded splats, with a warning."""
+    """Remove the splats in the mask `crowded`, which share their position with many others, with a warning."""
     lost = int(crowded.sum())
     if not lost:
         return splats

@@ -35,9 +35,10 @@ Rows = NDArray[Any]  # int32 or int64
 
 
 class Cloud(NamedTuple):
-    """Points whose cells are measured.
+    """Points whose Voronoi cells are measured.
 
-    positions, normals : (n, 3) float32; table : (8 n,) float32, see `pack_table`; tree : of the positions, in order
+    positions, normals : (n, 3) float32, in kd order; tree : neighbour search over the positions
+    table : (8 n,) float32, position, normal and two zeros of each point
     """
 
     positions: Floats
@@ -46,7 +47,7 @@ class Cloud(NamedTuple):
     tree: NeighborTree
 
     def around(self, rows: Rows, count: int = NEIGHBORS) -> Indices:
-        """Return points and their `count` nearest neighbours, (m, count + 1)."""
+        """Return points and their `count` nearest neighbours, (m, count + 1) rows, or all if there are fewer."""
         return self.tree.rows_at(count + 1, self.positions[rows])
 
 
@@ -56,12 +57,14 @@ def cloud_of(positions: Floats, normals: Floats, tree: NeighborTree | None) -> C
 
 
 class Cells:
-    """Voronoi cells of points, each measured with as many neighbours as close it, up to a maximum.
+    """Voronoi cells of all points of a cloud, in their tangent planes.
+
+    Each cell is measured with 20 neighbours, and with up to 80 and some more while a farther one could change it.
 
     Attributes
     ----------
     first : Closed
-        Results from the first NEIGHBORS neighbours.
+        Results from the first 20 neighbours.
     reach : (n,) float32
         Distance to the farthest vertex of each cell.
     gaps : (n, 3) float32
@@ -69,7 +72,7 @@ class Cells:
     at_gap : (n,) bool
         Where `gaps` is not zero.
     near : (n, k) int32
-        Each point and its NEAREST nearest neighbours, or all neighbours if there are fewer.
+        Rows of each point and its 8 nearest neighbours, or all neighbours if there are fewer.
     """
 
     def __init__(self, cloud: Cloud, progress: Progress | None) -> None:
@@ -95,14 +98,17 @@ class Cells:
         report_progress(progress, 1.0)
 
     def _look_for_gaps(self, neighborhood: Neighborhood, found: Closed) -> None:
-        """Find gaps at cells that are open or wide. The others, nearly all, need no search."""
+        """Set `gaps` and `at_gap` for points at which the surface may end, those with `found.gap`.
+
+        neighborhood : the points that `found` describes, and their neighbours. Nearly all of them need no search.
+        """
         some = np.flatnonzero(found.gap)
         rows = neighborhood.rows[some].astype(np.int64)
         self.gaps[rows] = out = find_gaps(self._cloud.positions, self._cloud.normals, rows, neighborhood.near[some])
         self.at_gap[rows] = out.any(axis=1)
 
     def _close(self, rows: Rows) -> None:
-        """Measure open cells with more and more neighbours."""
+        """Measure open cells, which farther neighbours could change, with more neighbours. rows : their points"""
         if self._whole:
             return
         for level in (AGAIN, THEN) if len(rows) < MANY * len(self.reach) else (THEN,):
@@ -113,7 +119,10 @@ class Cells:
             self._settle_again(rows, AHEAD)
 
     def _settle_again(self, rows: Rows, level: int) -> Rows:
-        """Measure cells with more neighbours; return the rows that are still open."""
+        """Measure cells with more neighbours; return the rows that even more neighbours could change.
+
+        level : AGAIN, THEN or AHEAD: with 40 neighbours, 80, or 80 and some from across the gap
+        """
         self._level[rows] = level
         left = [rows[:0]]
         for neighborhood in self._neighborhoods(rows, level):
@@ -123,14 +132,20 @@ class Cells:
         return np.concatenate(left)
 
     def _neighborhoods(self, rows: Rows, level: int) -> Iterator[Neighborhood]:
-        """Yield the neighbours of rows, part by part."""
+        """Yield points and their neighbours, at most 65,536 points at a time.
+
+        level : FIRST, AGAIN, THEN or AHEAD: with 20 neighbours, 40, 80, or 80 and some from across the gap
+        """
         for start in range(0, len(rows), PART):
             some = np.ascontiguousarray(rows[start : start + PART], np.int32)  # so that kernels need one signature
             neighborhood = Neighborhood(some, self._cloud.around(some, (NEIGHBORS, MORE, MOST, MOST)[level]))
             yield _with_neighbors_ahead(self._cloud, neighborhood, self.gaps) if level == AHEAD else neighborhood
 
     def _settle(self, neighborhood: Neighborhood, last: bool) -> Closed:
-        """Measure cells with the given neighbours; none stays UNSURE. last : no cell will get more neighbours"""
+        """Measure cells with the given neighbours; each becomes CLOSED, or OPEN if a farther neighbour could change it.
+
+        last : whether no cell will get more neighbours; cells that stay OPEN then get a reach too
+        """
         found = measure_closed(self._cloud.table, neighborhood)
         rows = np.flatnonzero(found.state != CLOSED if last else found.state == UNSURE)
         if len(rows):
@@ -142,7 +157,11 @@ class Cells:
         return found
 
     def measure(self, rows: Rows, typical: Floats, void: float) -> Rows:
-        """Measure the cells of rows again, see `measure_cells`; return the rows where the surface continues."""
+        """Measure cells of `rows` again without vertices across wide gaps; return the rows where the surface continues.
+
+        typical : (n,) typical distance to a cell's farthest vertex around each point
+        void : widest gap that is closed, in these distances
+        """
         ahead = [rows[:0]]
         sites = self._cloud.positions, self._cloud.normals
         for level in (FIRST, AGAIN, THEN, AHEAD):
@@ -152,7 +171,11 @@ class Cells:
         return np.concatenate(ahead)
 
     def narrow(self, limits: Limits, statistics: CloudStatistics) -> None:
-        """Keep cells in disorder, and cells that cover scattered points, from spanning wide gaps, see `gaps`."""
+        """Reduce `reach` so that discs among scattered points, as in a tree crown, do not span wide gaps.
+
+        This concerns cells in disorder, whose neighbours do not lie on smooth sheets with them, and cells that cover
+        scattered points. limits : half of the widest gap at each point, and the scattered points
+        """
         far = self.reach > limits.half
         if limits.others is None and statistics.share("far cells", far) < SOME:  # fewer of them can be disordered
             return
@@ -176,7 +199,12 @@ class Cells:
 
 
 def _with_neighbors_ahead(cloud: Cloud, neighborhood: Neighborhood, gaps: Floats) -> Neighborhood:
-    """Add neighbours from across each gap and from behind, however many dense points are on this side."""
+    """Add 40 points from across the gap, and 40 from behind, to the neighbours of points beside a gap in the surface.
+
+    gaps : (n, 3) unit direction of the gap at each point
+
+    On this side there may be enough dense points to fill the list of neighbours, so that none across the gap is in it.
+    """
     here = cloud.positions[neighborhood.rows]
     steps = 2 * distances(cloud.positions, neighborhood, -1)[:, None] * gaps[neighborhood.rows]
     beyond = (cloud.tree.rows_at(BEYOND, here + side * steps) for side in (1, -1))

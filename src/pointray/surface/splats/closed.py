@@ -62,7 +62,7 @@ def _dot16(a: Three16, b: Three16) -> F16:
 
 @inline
 def _tangents16(n: Three16) -> tuple[Three16, Three16]:
-    """Return two tangents of each normal, see `engine.kernels.vec.tangents`."""
+    """Return two unit vectors perpendicular to each of 16 unit normals and to each other."""
     sign = select(n[2] >= ZERO, broadcast16(ONE), -ONE)
     a = -ONE / (sign + n[2])
     b = n[0] * n[1] * a
@@ -71,7 +71,10 @@ def _tangents16(n: Three16) -> tuple[Three16, Three16]:
 
 @inline
 def _sector(x: F16, y: F16) -> F16:
-    """Return the sector of (x, y). Sectors divide the square |x| + |y| = 1 evenly."""
+    """Return in which of 32 sectors around the origin each direction (x, y) lies, 0 to 31, with a fraction.
+
+    Sectors divide the square |x| + |y| = 1 evenly, which is faster than dividing the circle.
+    """
     share = y / vmax(vabs(x) + vabs(y), broadcast16(f32(1e-30)))
     turn = select(x >= ZERO, share + ONE, f32(3.0) - share)
     return vmin(turn * f32(SECTORS / 4), broadcast16(f32(SECTORS - 1)))
@@ -79,7 +82,13 @@ def _sector(x: F16, y: F16) -> F16:
 
 @inline
 def _unfolded16(d: Three16, normals: tuple[Three16, Three16], axes: tuple[Three16, Three16]) -> tuple[F16, F16, F16]:
-    """Unfold a neighbour like `voronoi._unfolded`; also return its squared distance. 0 on another sheet."""
+    """Return x, y and squared distance of 16 neighbours across creases, unfolded into the points' tangent planes.
+
+    d : offsets from the points to their neighbours; normals : of the points, and of the neighbours
+    axes : two tangents of each point, the axes of x and y
+
+    All three are 0 for neighbours on another sheet.
+    """
     n, m = normals
     u, v = axes
     cosine = _dot16(n, m)
@@ -93,7 +102,13 @@ def _unfolded16(d: Three16, normals: tuple[Three16, Three16], axes: tuple[Three1
 
 @inline
 def _note_fold(seen: tuple[Mask, Mask, Three16], folded: Mask, m: Three16) -> tuple[Mask, Mask, Three16]:
-    """Record normals past folds. seen : where three sheets may meet; where a first fold was found; its normal"""
+    """Record the normals of neighbours across a crease, to find corners where three sheets may meet.
+
+    seen : masks of the points where three sheets may meet, and where a crease was found; normal across the first
+    folded : mask of the points whose next neighbour is across a crease; m : normals of these neighbours
+
+    Returns the new `seen`.
+    """
     meeting, known, first = seen
     meeting = meeting | (folded & known & (_dot16(first, m) <= f32(HALF_FOLD)))
     new = mask16(bits(folded) & ~bits(known))
@@ -105,14 +120,18 @@ def _note_fold(seen: tuple[Mask, Mask, Three16], folded: Mask, m: Three16) -> tu
 def _place_neighbors(
     table: Array, own: tuple[Three16, Three16, F16], neighborhood: tuple[Array, int, int], memory: Array
 ) -> tuple[tuple[F16, F16, F16, F16], tuple[F16, Mask], tuple[I16, Mask, Mask]]:
-    """Write q of each neighbour to memory, for 16 points at once.
+    """Map each neighbour of 16 points to the tangent plane, and write its inverse to memory.
 
-    own : positions, normals, and the factor that scales the last neighbour's distance to 1
-    neighborhood : near, the start of the points' neighbours in it, and their number
+    The inverse of a neighbour at b is q = 2 b / |b|^2: a position x is closer to the point than to b where x.q < 1.
 
-    Returns the largest q (x, y, its square, its index); the squared distance from which folds bring neighbours closer,
-    and where sheets may meet; the sectors with neighbours, where the first NEAREST neighbours are all on the point's
-    own sheet, and where a neighbour has the opposite normal.
+    table : position, normal and two zeros of each point of the cloud
+    own : positions and normals of the 16 points, and the factor that scales the last neighbour's distance to 1
+    neighborhood : rows of neighbours, flat, the start of the 16 points' neighbours in it, and columns for each point
+    memory : for neighbour k, q.x of the 16 points at 32 k and q.y at 32 k + 16
+
+    Returns the largest q, of the nearest neighbour (x, y, its square, its index); the squared distance from which folds
+    bring neighbours closer, and where three sheets may meet; the sectors with neighbours, where the first 8 neighbours
+    are all on the point's own sheet, and where a neighbour has the opposite normal.
     """
     at, n, shrink = own
     near, start, width = neighborhood
@@ -153,7 +172,14 @@ def _place_neighbors(
 
 @inline
 def _walk(first: tuple[F16, F16, F16, F16], width: int, memory: Array) -> tuple[F16, Mask, Mask]:
-    """Walk around the vertices of cells; return the farthest squared distance, and masks of closed and unsure cells."""
+    """Walk around the vertices of the Voronoi cells of 16 points at once.
+
+    first : x and y of the nearest neighbour's inverse, its square, its index; width : number of neighbours plus one
+    memory : inverses q = 2 b / |b|^2 of the neighbours at b, for neighbour k x at 32 k and y at 32 k + 16
+
+    Returns the squared distance of the farthest vertex, where the last neighbour is at 1; a mask of closed cells, which
+    no farther neighbour could change; and a mask of cells that need a more exact method.
+    """
     cx, cy, size, ck = first
     start, zero = ck, broadcast16(ZERO)
     x, y = cx / size, cy / size  # the midpoint of the point and its nearest neighbour
@@ -184,7 +210,10 @@ def _walk(first: tuple[F16, F16, F16, F16], width: int, memory: Array) -> tuple[
 
 @inline
 def _gap_possible(sectors: int) -> bool:
-    """Return whether EMPTY consecutive sectors hold no neighbour."""
+    """Return whether 8 consecutive sectors of 32 around a point hold no neighbour, so that the surface may end there.
+
+    sectors : one bit for each sector, set if it holds a neighbour
+    """
     empty = i64(sectors) & 0xFFFFFFFF ^ 0xFFFFFFFF
     empty |= (empty & (1 << EMPTY) - 1) << SECTORS
     empty &= empty >> 1
@@ -194,7 +223,11 @@ def _gap_possible(sectors: int) -> bool:
 
 @inline
 def _away(table: Array, at: Three16, near: Array, start: int, width: int) -> F16:
-    """Return the distances of 16 points from one neighbour each."""
+    """Return the distances of 16 points from one neighbour each.
+
+    table : position, normal and two zeros of each point of the cloud; at : positions of the 16 points
+    near : flat rows of neighbours, `width` for each point; start : index in it of the first point's neighbour
+    """
     x, y, z, _, _, _, _, _ = gather_rows8(table, near, start, width)
     d = x - at[0], y - at[1], z - at[2]
     return vsqrt(_dot16(d, d))
@@ -202,7 +235,12 @@ def _away(table: Array, at: Three16, near: Array, start: int, width: int) -> F16
 
 @kernel
 def _measure_closed(work: Array, table: Array, rows: Array, neighborhood: tuple[Array, int], out: Closed) -> int:
-    """Measure cells, see `measure_closed`. neighborhood : flat near, and its number of columns"""
+    """Measure the Voronoi cells of points, 16 at a time, unless they are special cases.
+
+    table : position, normal and two zeros of each point of the cloud; rows : the points to measure, at least 16
+    neighborhood : rows of each of these and its neighbours, flat, and their number for each point
+    out : distance to the farthest vertex, state and so on of each cell
+    """
     table, rows = borrow(table), borrow(rows)
     (near, width), (reach, state, gap, fourth, one_sheet, facing) = borrow(neighborhood), borrow(out)
     memory = np.empty(32 * (width + 1), np.float32)
@@ -237,13 +275,13 @@ def _measure_closed(work: Array, table: Array, rows: Array, neighborhood: tuple[
 
 
 class Closed(NamedTuple):
-    """Results of `measure_closed` for m cells.
+    """Voronoi cells of m points, as far as the fast method can measure them.
 
     reach : (m,) float32, distance to the farthest vertex where the cell is CLOSED
-    state : (m,) uint8, OPEN, CLOSED or UNSURE
+    state : (m,) uint8, CLOSED; OPEN, if farther neighbours could change the cell; UNSURE, if it is a special case
     gap : (m,) bool, whether the surface may end there
     fourth : (m,) float32, distance to the 4th neighbour
-    one_sheet : (m,) bool, whether the first NEAREST neighbours are on the point's own sheet
+    one_sheet : (m,) bool, whether the first 8 neighbours are on the point's own sheet
     facing : (m,) bool, whether a neighbour may have the opposite normal
     """
 
@@ -256,19 +294,25 @@ class Closed(NamedTuple):
 
 
 def distances(positions: NDArray[np.float32], neighborhood: Neighborhood, k: int) -> NDArray[np.float32]:
-    """Return the distances of points from their k-th neighbours, (m,)."""
+    """Return the distances of points from their k-th neighbours, (m,); 1 is the nearest, -1 the last one listed."""
     away = positions[neighborhood.near[:, k]] - positions[neighborhood.rows]
     return np.sqrt(np.einsum("ij,ij->i", away, away))
 
 
 def room_for(count: int) -> Closed:
-    """Allocate results for `count` cells."""
+    """Return a `Closed` with uninitialized arrays for `count` cells."""
     kinds = np.float32, np.uint8, np.bool_, np.float32, np.bool_, np.bool_
     return Closed(*(np.empty(count, kind) for kind in kinds))  # type: ignore[arg-type]
 
 
 def measure_closed(table: NDArray[np.float32], neighborhood: Neighborhood) -> Closed:
-    """Measure cells like `voronoi.measure_cells` if they are closed and no special case. table : see `pack_table`"""
+    """Measure Voronoi cells, 16 at a time; special cases become UNSURE and are left to the slower `measure_cells`.
+
+    table : position, normal and two zeros of each point of the cloud
+    neighborhood : points to measure, and their neighbours
+
+    With fewer than 16 points, or up to 8 columns of neighbours, all cells become UNSURE.
+    """
     count, width = neighborhood.near.shape
     out = room_for(count)
     if count < 16 or width <= NEAREST:
@@ -283,7 +327,7 @@ def measure_closed(table: NDArray[np.float32], neighborhood: Neighborhood) -> Cl
 
 @kernel
 def _pack(work: Array, positions: Array, normals: Array, out: Array) -> int:
-    """Write the table of `pack_table`."""
+    """Write position, normal and two zeros of each point to a row of eight numbers. out : (n, 8)"""
     positions, normals, out = borrow(positions), borrow(normals), borrow(out)
     tile = next_tile(work)
     while tile >= 0:
@@ -296,7 +340,7 @@ def _pack(work: Array, positions: Array, normals: Array, out: Array) -> int:
 
 
 def pack_table(positions: NDArray[np.float32], normals: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Pack (n, 3) positions, (n, 3) normals and two zeros into rows of eight, flat, so that a row is one cache line."""
+    """Pack (n, 3) positions, (n, 3) normals and two zeros into rows of eight, flat, to load a point at once."""
     out = np.empty((len(positions), 8), np.float32)
     run(_pack, -(-len(out) // CHUNK), np.ascontiguousarray(positions), np.ascontiguousarray(normals), out)
     return out.reshape(-1)

@@ -26,7 +26,10 @@ Seen: TypeAlias = tuple[Array, int]  # last mark of each splat; mark of this tra
 
 @kernel
 def _choose(work: Array, splats: Splats, area: Array, times: Array) -> Array:
-    """Choose the splat with the largest gain until none is left; gains are recomputed when they reach the top."""
+    """Choose the splat that newly covers the largest area, until all points are covered; return the chosen rows.
+
+    area : (n,) area that each point represents; times : (n,) number of chosen splats over each point, updated
+    """
     keys, rows = np.empty(len(splats.seeds), np.float32), np.empty(len(splats.seeds), np.int32)
     size = number = 0
     for s in range(len(splats.seeds)):
@@ -47,7 +50,10 @@ def _choose(work: Array, splats: Splats, area: Array, times: Array) -> Array:
 
 @inline
 def _gain(splats: Splats, s: int, area: Array, times: Array) -> float:
-    """Return the area that splat s would newly cover."""
+    """Return the area that splat s would newly cover.
+
+    area : (n,) area that each point represents; times : (n,) number of chosen splats over each point
+    """
     gain = f32(0.0)
     for k in range(splats.starts[s], splats.starts[s + 1]):
         gain += area[splats.members[k]] if times[splats.members[k]] == 0 else f32(0.0)
@@ -56,19 +62,22 @@ def _gain(splats: Splats, s: int, area: Array, times: Array) -> float:
 
 @inline
 def _count(splats: Splats, s: int, times: Array, change: int) -> None:
-    """Add `change` (1 or -1) to the count of each point that splat s covers."""
+    """Add `change` (1 or -1) to `times`, the number of chosen splats over each point, where splat s covers it."""
     for k in range(splats.starts[s], splats.starts[s + 1]):
         times[splats.members[k]] += change
 
 
 def choose(pool: Splats, cloud: Cloud, times: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Choose splats greedily until each point is covered. times : (n,), updated number of splats over each point"""
+    """Choose splats of a pool greedily, by newly covered area, until each point is covered; return their rows.
+
+    times : (n,) number of splats over each point, which may be covered before; updated
+    """
     return np.asarray(run(_choose, 1, pool, cloud.area, times)[0])
 
 
 @kernel
 def _invert(work: Array, splats: Splats, heads: Array, owners: Array) -> int:
-    """List the splats over each point p in owners[heads[p] : heads[p + 1]]; `heads` must be zero."""
+    """List the splats over each point p in owners[heads[p] : heads[p + 1]]. heads : (n + 2,), initially zero"""
     n = len(heads) - 2
     for p in splats.members:
         heads[p + 2] += 1
@@ -84,7 +93,7 @@ def _invert(work: Array, splats: Splats, heads: Array, owners: Array) -> int:
 
 @inline
 def _random(state: Array) -> float:
-    """Return a random number from 0 to 1 (xorshift)."""
+    """Return a random number from 0 to 1 (xorshift). state : (1,) uint64, updated"""
     x = state[0]
     x ^= x << u64(13)
     x ^= x >> u64(7)
@@ -97,9 +106,14 @@ def _random(state: Array) -> float:
 def _take_away(
     splats: Splats, over: Over, s: int, cover: Cover, seen: Seen, crowd: Array, bare: Array
 ) -> tuple[int, int]:
-    """Remove splat s and up to CROWD - 1 splats that share points with it.
+    """Remove the chosen splat s and up to 5 chosen splats that share points with it, to cover their points anew.
 
-    Returns the number of splats removed and the number of bare points.
+    over : starts and rows of the splats over each point; cover : number of chosen splats over each point, and mask of
+        chosen splats; both are updated
+    seen : last mark of each splat, and the mark of this search
+    crowd, bare : output, removed splats and uncovered points
+
+    Returns the number of splats removed and the number of uncovered points.
     """
     times, on = cover
     met, mark = seen
@@ -127,7 +141,12 @@ def _take_away(
 
 @routine
 def _gains(over: Over, area: Array, bare: Array, seen: Seen, gain: Array, found: Array) -> int:
-    """List the splats over the bare points with the area each would cover; return their number."""
+    """List in `found` the splats over the uncovered points `bare`; return their number.
+
+    over : starts and rows of the splats over each point; area : (n,) of each point; seen : last mark of each splat, and
+        the mark of this search
+    gain : output, the area that each splat would cover
+    """
     met, mark = seen
     count = 0
     for p in bare:
@@ -142,7 +161,11 @@ def _gains(over: Over, area: Array, bare: Array, seen: Seen, gain: Array, found:
 
 @routine
 def _best(gain: Array, found: Array, count: int, state: Array) -> tuple[int, int]:
-    """Return the splat with the largest gain, with noise, or -1, and the number of splats that still have a gain."""
+    """Return the splat with the largest gain, or -1, and the number of splats that still have a gain.
+
+    gain : area that each splat would newly cover; a random increase of up to 10% varies the choice
+    found : the first `count` rows are candidates, updated; state : of random numbers
+    """
     best, most, left = -1, f32(0.0), 0
     for t in range(count):
         q = found[t]
@@ -165,11 +188,14 @@ def _cover_again(
     found: Array,
     room: tuple[int, int, int, Array, Array],
 ) -> tuple[int, int]:
-    """Cover the bare points greedily with no more splats than were removed.
+    """Cover the uncovered points greedily with no more splats than were removed.
 
-    room : (number of found splats, of bare points, of splats removed; random state; output: splats added)
+    over : starts and rows of the splats over each point; area : (n,) of each point
+    gain : area that each splat would cover
+    cover : number of chosen splats over each point, and mask of chosen splats; found : rows of the candidates
+    room : number of candidates, of uncovered points, and of splats removed; random state; output: splats added
 
-    Returns the number of splats added and the number of points still bare.
+    Returns the number of splats added and the number of points still uncovered.
     """
     times, on = cover
     count, left, most, state, added = room
@@ -195,7 +221,13 @@ def _cover_again(
 def _relax(
     work: Array, splats: Splats, over: Over, area: Array, cover: Cover, order: Array, most: int, seed: int
 ) -> int:
-    """Remove splats and cover again around each splat of `order`, until `most` are saved; return the number saved."""
+    """Remove a few splats around each splat of `order` and cover their points again, with fewer if possible.
+
+    over : starts and rows of the splats over each point; area : (n,) of each point; seed : of random numbers
+    cover : number of chosen splats over each point, and mask of chosen splats; both are updated
+
+    Stops when `most` splats are saved; returns the number saved.
+    """
     times, on = cover
     met = np.full(len(on), -1, np.int32)
     gain, found = np.zeros(len(on), np.float32), np.empty(len(on), np.int32)
@@ -226,7 +258,12 @@ def _relax(
 def relax(
     pool: Splats, cloud: Cloud, rows: NDArray[Any], goal: int = 0, passes: int = PASSES, progress: Any = None
 ) -> NDArray[np.int64]:
-    """Return rows of a pool that cover as much as the given rows and are fewer, but at least `goal`."""
+    """Return the rows of fewer splats of a pool that cover as much as those in `rows`.
+
+    goal : least number of splats; passes : maximum number of passes over all splats, which end when no splat is saved
+
+    Each pass removes splats with their neighbours and covers the points again (Wu and Kobbelt 2004).
+    """
     n, number = len(cloud.positions), len(rows)
     over = np.zeros(n + 2, np.int64), np.empty(len(pool.members), np.int32)
     run(_invert, 1, pool, *over)

@@ -30,11 +30,15 @@ Gated: TypeAlias = tuple[Array, Array, Array, Array]  # splats: positions, norma
 
 
 class Boxes(NamedTuple):
-    """Hierarchy of boxes: around the supports of 8 consecutive splats, around 8 of these boxes, up to one box."""
+    """Hierarchy of boxes: around the supports of 8 consecutive splats, around 8 of these boxes, up to one box.
 
-    low: Floats  # (m, 3), finest level first
+    low, high : (m, 3) float32, corners of the boxes, finest level first
+    heads : int64, index of the first box of each level, and the end
+    """
+
+    low: Floats
     high: Floats
-    heads: NDArray[np.int64]  # start of each level, and the end
+    heads: NDArray[np.int64]
 
 
 def _box(low: Floats, high: Floats) -> Boxes:
@@ -51,14 +55,18 @@ def _box(low: Floats, high: Floats) -> Boxes:
 
 @inline
 def _apart(low: Array, high: Array, i: int, box: Box) -> bool:
-    """Return whether row i of the boxes does not overlap a box."""
+    """Return whether box i of a hierarchy does not overlap `box`. low, high : corners, (m, 3)"""
     (ax, ay, az), (bx, by, bz) = at(low, i), at(high, i)
     return (ax > box[3]) | (ay > box[4]) | (az > box[5]) | (bx < box[0]) | (by < box[1]) | (bz < box[2])
 
 
 @routine
 def _find(splats: Gated, boxes: Boxes, box: Box, stack: Array, found: Array) -> int:
-    """List the splats whose support overlaps a box (low x y z, high x y z); return their number."""
+    """List in `found` the splats whose support overlaps a box (low x, y, z, high x, y, z); return their number.
+
+    splats : positions, normals, radii, and 1 for those on sheets close together; stack : memory
+    boxes : hierarchy around their supports
+    """
     centers, radii = splats[0], splats[2]
     count, size = 0, 1
     stack[0, 0], stack[0, 1] = 0, len(boxes.heads) - 2
@@ -85,7 +93,13 @@ def _find(splats: Gated, boxes: Boxes, box: Box, stack: Array, found: Array) -> 
 
 @routine
 def _evaluate(splats: Gated, near: Array, x: Vec3, n: Vec3) -> tuple[float, Vec3, float]:
-    """Return f, its gradient, and |x - P| in local radii; inf without support. Close sheets count only if facing n."""
+    """Return f at x, its gradient, and the distance of x from the mean centre of its splats in mean radii.
+
+    splats : positions, normals, radii, and 1 for those on sheets close together, which count only if they face n
+    near : rows of the splats to blend; n : normal of the point at x
+
+    Without support, f and the distance are inf.
+    """
     centers, normals, radii, sheets = splats
     total = square_radius = qn = qq = 0.0
     qx = qy = qz = nx = ny = nz = 0.0
@@ -113,11 +127,15 @@ def _evaluate(splats: Gated, near: Array, x: Vec3, n: Vec3) -> tuple[float, Vec3
 
 @routine
 def _deviation(splats: Gated, near: Array, x: Vec3, n: Vec3, close: float) -> tuple[float, float]:
-    """Return the signed distance of x from the surface, positive outside, and |x - P| in local radii.
+    """Return the signed distance of x from the surface, positive outside, and that from the mean centre of its splats.
 
-    The distance is f over the length of its gradient. If that exceeds `close`, two secant steps along the normal n find
-    the root of f, because the first estimate is wrong by factors at sharp edges. Without a root, |x - P| is inf. A
-    surface of opposite orientation counts, as it does for rays: normals in debris differ from those around.
+    splats : positions, normals, radii, and 1 for those on sheets close together; near : rows of those near x
+    n : normal of the point at x; close : distances up to this need no refinement
+
+    The distance is f over the length of its gradient. If that exceeds `close`, two secant steps along n find the root
+    of f, because the first estimate is wrong by factors at sharp edges. A surface of opposite orientation counts, as it
+    does for rays: normals in debris differ from those around. The second result is in mean radii of the splats; without
+    a root, both are inf.
     """
     f, g, hollow = _evaluate(splats, near, x, n)
     lean = dot(g, n)
@@ -140,7 +158,7 @@ def _deviation(splats: Gated, near: Array, x: Vec3, n: Vec3, close: float) -> tu
 
 @inline
 def _box_of(positions: Array, first: int, last: int, pad: float) -> tuple[float, float, float, float, float, float]:
-    """Return the bounding box of some points, with a margin."""
+    """Return the bounding box of points `first` to `last` - 1 with a margin `pad`: low x, y, z, high x, y, z."""
     x, y, z = positions[first, 0], positions[first, 1], positions[first, 2]
     u, v, w = x, y, z
     for i in range(first + 1, last):
@@ -153,7 +171,13 @@ def _box_of(positions: Array, first: int, last: int, pad: float) -> tuple[float,
 def _survey(
     work: Array, positions: Array, normals: Array, splats: Gated, boxes: Boxes, close: float, out: Array, hollow: Array
 ) -> int:
-    """Fill in `out` and `hollow` for every point, SHARING neighbouring points at a time."""
+    """Measure the distance of every point from the surface, with one search for splats for 32 neighbouring points.
+
+    splats : positions, normals, radii, and 1 for those on sheets close together
+    boxes : hierarchy around their supports
+    close : distances up to this need no refinement; out : (n,) output, signed distances
+    hollow : (n,) output, distance from the mean centre of the splats, in their mean radii; inf without a surface
+    """
     positions, normals, out, hollow = borrow(positions), borrow(normals), borrow(out), borrow(hollow)
     lent, tree = borrow(splats), borrow(boxes)
     found, stack = np.empty(len(lent[2]), np.int32), np.empty((16 * WIDE, 2), np.int64)

@@ -46,7 +46,11 @@ Rows = NDArray[Any]
 
 @inline
 def _on_sheet(positions: Array, normals: Array, i: int, near: Array, axes: tuple[Vec3, Vec3], found: Array) -> int:
-    """Write the directions of the neighbours on a rough sheet with point i, see `insert`; return their number."""
+    """Write the tangent directions of the neighbours that lie on a rough sheet with point i; return their number.
+
+    They have similar normals and are near an arc perpendicular to both. positions, normals : flat
+    near : row i, then its neighbours; axes : two tangents; found : output, rows turn, x, y, sorted by angle
+    """
     u, v = axes
     count = 0
     for k in range(1, len(near)):
@@ -62,7 +66,13 @@ def _on_sheet(positions: Array, normals: Array, i: int, near: Array, axes: tuple
 def _survey(
     work: Array, cloud: tuple[Array, Array], neighborhood: tuple[Array, Array], counts: Array, out: Array
 ) -> int:
-    """Count the neighbours on a rough sheet with each row; write the direction of a gap wider than HALF, or zero."""
+    """Count the neighbours on a rough sheet with each row; find rims, where these leave half of all directions open.
+
+    On a rough sheet are points near an arc, with similar normals.
+
+    cloud : flat positions and normals; neighborhood : rows (m,), and each row with its neighbours (m, k)
+    counts : (m,) output; out : (m, 3) output, direction of a gap over 180 degrees wide, or zero; empty if not needed
+    """
     (positions, normals), (rows, near), counts, out = borrow(cloud), borrow(neighborhood), borrow(counts), borrow(out)
     memory = np.empty((near.shape[1], 3))
     found = borrow(memory)
@@ -101,7 +111,7 @@ def trim_fringe(
     normals : (n, 3) float32
         Unit normals.
     tree : NeighborTree
-        Of the positions, in order.
+        Neighbour search over the positions, which are in its order.
     found : Chosen
         Radii and borders, which are changed.
     noisy : (n,) bool
@@ -138,7 +148,14 @@ def trim_fringe(
 def _counts(
     cloud: tuple[Floats, Floats], rows: Rows, near: NDArray[np.int32], directions: bool = False
 ) -> tuple[Floats, Floats]:
-    """Count the neighbours on a rough sheet with each row; optionally return the directions of gaps wider than HALF."""
+    """Return the number of neighbours on a rough sheet with each row, (m,), and the outward direction at rims.
+
+    On a rough sheet are points near an arc, with similar normals.
+
+    cloud : flat positions and normals; near : (m, k) each row and its neighbours
+    directions : whether to compute the second result: (m, 3), the middle of the gap where these neighbours leave over
+        half of all directions open, else zero; otherwise it is empty
+    """
     counts = np.empty(len(rows), np.float32)
     out = np.zeros((len(rows) if directions else 0, 3), np.float32)
     neighborhood = np.ascontiguousarray(rows, np.int32), np.ascontiguousarray(near)

@@ -51,9 +51,10 @@ Around = Callable[[NDArray[Any]], NDArray[np.int32]]
 
 @inline
 def bend(positions: Array, normals: Array, i: int, j: int) -> tuple[float, float]:
-    """Return the cosine of two normals, and how far the points are off an arc, as a share of their distance.
+    """Return the cosine of the normals of points i and j, and how far both are off an arc, over their distance.
 
     On an arc the connection of two points is perpendicular to the sum of their normals; signs of normals are free.
+    positions, normals : flat
     """
     d = sub(load3_flat(positions, 3 * j), load3_flat(positions, 3 * i))
     n, m = load3_flat(normals, 3 * i), load3_flat(normals, 3 * j)
@@ -64,14 +65,22 @@ def bend(positions: Array, normals: Array, i: int, j: int) -> tuple[float, float
 
 @inline
 def _agree(positions: Array, normals: Array, i: int, j: int) -> bool:
-    """Return whether two rims of a gap agree in plane and slope."""
+    """Return whether points i and j, on two sides of a gap, belong to one smooth surface.
+
+    positions, normals : flat
+
+    Their normals differ by at most 35 degrees then, and both are near an arc perpendicular to them.
+    """
     cosine, off = bend(positions, normals, i, j)
     return cosine >= SLOPE and off <= PLANE
 
 
 @inline
 def _is_obtuse(a: Vec2, b: Vec2) -> bool:
-    """Return whether the origin, a and b lie side by side along a rim, so that the gap is beside, not between them."""
+    """Return whether the triangle of the origin, a and b has an angle over 150 degrees.
+
+    Three points around a gap then lie side by side along its rim, so that the gap is beside them, not between them.
+    """
     dot_a, dot_b = a[0] * (a[0] - b[0]) + a[1] * (a[1] - b[1]), b[0] * (b[0] - a[0]) + b[1] * (b[1] - a[1])
     size_a, size_b = math.hypot(a[0], a[1]), math.hypot(b[0], b[1])
     side = math.hypot(a[0] - b[0], a[1] - b[1])
@@ -83,7 +92,12 @@ def _is_obtuse(a: Vec2, b: Vec2) -> bool:
 def _limit(
     work: Array, cloud: tuple[Array, Array], neighborhood: tuple[Array, Array], limits: Array, reach: Array
 ) -> int:
-    """Write the reach of each row's cell without vertices beyond its limit, unless their rims agree."""
+    """Write the reach of each row's Voronoi cell: the distance to its farthest vertex that is not across a wide gap.
+
+    cloud : flat positions and normals; neighborhood : rows (m,), and each row with its neighbours (m, k)
+    limits : (m,) half of the widest gap. Wider ones count only if the points around them belong to one smooth surface
+    reach : (m,) output
+    """
     (positions, normals), (rows, near) = borrow(cloud), borrow(neighborhood)
     limits, reach = borrow(limits), borrow(reach)
     memory = np.empty((2, CORNERS, 3))
@@ -121,7 +135,10 @@ def _limit(
 
 @kernel
 def _count(work: Array, cloud: tuple[Array, Array], neighborhood: tuple[Array, Array], out: Array) -> int:
-    """Write the share of each row's neighbours on a rough sheet with it."""
+    """Write the share of each row's neighbours that lie on a rough sheet with it: near an arc, with similar normals.
+
+    cloud : flat positions and normals; neighborhood : rows (m,), and each row with its neighbours (m, k)
+    """
     (positions, normals), (rows, near), out = borrow(cloud), borrow(neighborhood), borrow(out)
     tile = next_tile(work)
     while tile >= 0:
@@ -137,7 +154,7 @@ def _count(work: Array, cloud: tuple[Array, Array], neighborhood: tuple[Array, A
 
 
 def bridged(positions: Floats, normals: Floats, neighborhood: Neighborhood, limits: Floats) -> Floats:
-    """Return the reach of cells without wide gaps.
+    """Return the reach of Voronoi cells: the distance to the farthest vertex that is not across a wide gap.
 
     Parameters
     ----------
@@ -146,14 +163,15 @@ def bridged(positions: Floats, normals: Floats, neighborhood: Neighborhood, limi
     normals : (n, 3) float32
         Unit normals.
     neighborhood : Neighborhood
-        The points to measure, and their neighbours.
+        The m points to measure, and their neighbours.
     limits : (m,) float32
-        Half of the widest gap at each of them, see `find_limits`.
+        Half of the widest gap at each of them.
 
     Returns
     -------
     (m,) float32
-        Distance to the farthest vertex or side that is within the limit or whose points agree; 0 if there is none.
+        Distance to the farthest vertex or side that is within the limit, or whose points belong to one smooth surface
+        across the gap; 0 if there is none.
     """
     reach = np.empty(len(neighborhood.rows), np.float32)
     flat = np.ascontiguousarray(positions).reshape(-1), np.ascontiguousarray(normals).reshape(-1)
@@ -163,7 +181,9 @@ def bridged(positions: Floats, normals: Floats, neighborhood: Neighborhood, limi
 
 
 def is_disordered(positions: Floats, normals: Floats, rows: NDArray[np.int32], around: Around) -> NDArray[np.bool_]:
-    """Return which points agree with few neighbours, on average over the point and its neighbours.
+    """Return which points lie on smooth sheets with few of their neighbours, as in a tree crown.
+
+    The share of such neighbours is averaged over the point and its neighbours; below 0.45 a point is in disorder.
 
     Parameters
     ----------
@@ -171,8 +191,9 @@ def is_disordered(positions: Floats, normals: Floats, rows: NDArray[np.int32], a
     normals : (n, 3) float32
         Unit normals.
     rows : (m,) int32
+        The points to examine.
     around : callable
-        Returns rows and their neighbours, (m, k) int32.
+        Returns given rows and their neighbours, (m, k) int32.
 
     Returns
     -------
@@ -190,17 +211,20 @@ def is_disordered(positions: Floats, normals: Floats, rows: NDArray[np.int32], a
 
 
 class Limits(NamedTuple):
-    """Limits of the discs of n points.
+    """Limits of the gaps in a surface that the discs of n points may span.
 
-    half : (n,) float32, half of the widest gap between rims that do not agree
-    others : the scattered points of the cloud, or None
+    half : (n,) float32, half of the widest gap, unless the points around it belong to one smooth surface
+    others : neighbour search over the scattered points of the cloud, or None
     """
 
     half: Floats
     others: NeighborTree | None
 
     def are_mixed(self, positions: Floats, reach: Floats) -> NDArray[np.bool_]:
-        """Return which discs cover scattered points. positions : (m, 3), their centres; reach : (m,)"""
+        """Return which discs cover at least two scattered points, (m,).
+
+        positions : (m, 3), the centres of the discs; reach : (m,), their radii
+        """
         if self.others is None or not len(positions):
             return np.zeros(len(positions), np.bool_)
         return np.asarray(self.others.query(MIXED, positions).distances[:, -1] < reach)
@@ -209,16 +233,16 @@ class Limits(NamedTuple):
 def find_limits(
     positions: Floats, near: NDArray[np.int32], others: Floats | None, statistics: CloudStatistics
 ) -> Limits:
-    """Find the widest allowed gap at each point. Small clouds have no limits.
+    """Find the widest gap that the disc of each point may span: three local spacings, with upper limits for all points.
 
     Parameters
     ----------
     positions : (n, 3) float32
-        All distinct.
+        All distinct. Clouds of up to 20 points have no limits.
     near : (n, k) int32
         Rows of each point and its nearest neighbours.
     others : (m, 3) float32, optional
-        Scattered points of the same cloud.
+        Scattered points of the same cloud, which count for the local spacing.
     statistics : CloudStatistics
         Of the whole cloud.
     """
@@ -238,7 +262,11 @@ def find_limits(
 
 
 def largest_reach(positions: Floats, statistics: CloudStatistics) -> float:
-    """Return the largest reach of a disc in disorder, or of a sphere: it covers less than 2% of an image."""
+    """Return the largest reach of a disc in disorder, as in a tree crown, or the largest radius of a sphere.
+
+    The reach is the distance to the farthest vertex of a Voronoi cell. The limit covers less than 2% of an image that
+    the cloud fills. Clouds of up to 20 points have none.
+    """
     count = len(positions)
     share = statistics.get_or_compute(
         "reach in diagonals", lambda: max(LARGEST, 1 / math.sqrt(count)) if count > FEW else math.inf
@@ -247,7 +275,10 @@ def largest_reach(positions: Floats, statistics: CloudStatistics) -> float:
 
 
 def _eighth(positions: Floats, neighborhood: Neighborhood, others: NeighborTree | None) -> Floats:
-    """Return the distances of points from the 8th neighbour among these and other points."""
+    """Return the distance of each point from its 8th neighbour, (m,), counting other points too.
+
+    neighborhood : the points, and their neighbours among `positions`; others : search over the other points, or None
+    """
     eighth = distances(positions, neighborhood, NEAREST)
     if others is None:
         return eighth

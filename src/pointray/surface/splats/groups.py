@@ -19,7 +19,7 @@ Floats = NDArray[np.float32]
 
 
 class Groups(NamedTuple):
-    """Rows in groups: group g is order[starts[g] : starts[g + 1]], ascending.
+    """Rows of n splats in m groups: group g is order[starts[g] : starts[g + 1]], ascending.
 
     order : (n,) int32; starts : (m + 1,) int64
     """
@@ -28,7 +28,7 @@ class Groups(NamedTuple):
     starts: NDArray[np.int64]
 
     def mean(self, values: Floats) -> NDArray[np.float64]:
-        """Return the mean of each group, (m, ...)."""
+        """Return the mean of `values` (n, ...) over each group, (m, ...) float64."""
         out = np.empty((len(self.starts) - 1, *values.shape[1:]))
         width = int(np.prod(values.shape[1:], dtype=int))
         tiles = -(-len(out) // CHUNK)
@@ -36,7 +36,10 @@ class Groups(NamedTuple):
         return out
 
     def reach(self, positions: Floats, radii: Floats, middles: Floats) -> Floats:
-        """Return how far the supports of each group extend from its middle, (m,)."""
+        """Return how far the supports of each group extend from its middle, (m,).
+
+        positions : (n, 3) and radii : (n,), of all splats; middles : (m, 3), a point for each group
+        """
         out = np.empty(len(middles), np.float32)
         run(_reach, -(-len(out) // CHUNK), (positions, radii, middles), self.order, self.starts, out)
         return out
@@ -47,14 +50,19 @@ class Groups(NamedTuple):
         return self.order[self.starts[:-1]]
 
     def pick(self, kept: NDArray[np.bool_]) -> Groups:
-        """Return the groups in a mask (m,)."""
+        """Return the groups for which the mask `kept` (m,) is true."""
         sizes = np.diff(self.starts)
         return Groups(self.order[np.repeat(kept, sizes)], np.append(0, np.cumsum(sizes[kept])))
 
 
 @kernel
 def _codes(work: Array, positions: Array, normals: Array, low: Array, cell: float, codes: Array) -> int:
-    """Write three numbers for each splat, equal for splats that share a cell and a side."""
+    """Write three numbers for each splat, equal for splats in one grid cell that face the same of six directions.
+
+    low : (3,) origin of the grid; cell : edge length; codes : (n, 3) float32, output
+
+    The directions are those of the axes, and their opposites.
+    """
     positions, normals, codes = borrow(positions), borrow(normals), borrow(codes)
     tile = next_tile(work)
     while tile >= 0:
@@ -72,7 +80,11 @@ def _codes(work: Array, positions: Array, normals: Array, low: Array, cell: floa
 
 @kernel
 def _sort(ids: Array, starts: Array, order: Array) -> int:
-    """Sort rows by group (counting sort). starts : zeros, with one extra entry"""
+    """Sort rows by group (counting sort).
+
+    ids : (n,) group of each row; starts : zeros, with one extra entry; becomes the start of each group in `order`
+    order : (n,) output, the sorted rows
+    """
     ids, starts, order = borrow(ids), borrow(starts), borrow(order)
     for i in range(len(ids)):
         starts[i64(ids[i]) + 2] += 1
@@ -87,7 +99,10 @@ def _sort(ids: Array, starts: Array, order: Array) -> int:
 
 @kernel
 def _means(work: Array, values: Array, width: int, order: Array, starts: Array, out: Array) -> int:
-    """Write means of `width` numbers for each group; values and out are flat."""
+    """Write means of `width` numbers for each group; values and out are flat.
+
+    order : rows of the values, group by group; starts : start of each group in it, and the end
+    """
     values, order, starts, out = borrow(values), borrow(order), borrow(starts), borrow(out)
     tile = next_tile(work)
     while tile >= 0:
@@ -103,7 +118,11 @@ def _means(work: Array, values: Array, width: int, order: Array, starts: Array, 
 
 @kernel
 def _reach(work: Array, splats: tuple[Array, Array, Array], order: Array, starts: Array, out: Array) -> int:
-    """Write the reach of each group, see `Groups.reach`. splats : positions, radii, and middles of groups"""
+    """Write how far the supports of each group extend from its middle, (m,).
+
+    splats : positions (n, 3) and radii (n,), and the middles of the groups (m, 3)
+    order : rows of the splats, group by group; starts : start of each group in it, and the end
+    """
     positions, radii, middles = borrow(splats[0]), borrow(splats[1]), borrow(splats[2])
     order, starts, out = borrow(order), borrow(starts), borrow(out)
     tile = next_tile(work)
@@ -122,9 +141,9 @@ def _reach(work: Array, splats: tuple[Array, Array, Array], order: Array, starts
 
 
 def groups_in_cells(positions: Floats, normals: Floats, cell: float, low: Floats | None = None) -> Groups:
-    """Group splats by grid cell and by the main direction, of six, that they face; in the order of their first rows.
+    """Group splats by grid cell and by the axis direction, of six, that they face; in the order of their first rows.
 
-    low : (3,) float32, origin of the grid. None: the least coordinates
+    cell : edge length of the cells; low : (3,) float32, origin of the grid. None: the least coordinates
     """
     rows, ids = distinct(_codes_of(positions, normals, cell, low))
     starts, order = np.zeros(len(rows) + 2, np.int64), np.empty(len(ids), np.int32)
@@ -133,7 +152,10 @@ def groups_in_cells(positions: Floats, normals: Floats, cell: float, low: Floats
 
 
 def cell_numbers(positions: Floats, normals: Floats, cell: float, low: Floats) -> NDArray[np.int64]:
-    """Return a number for each splat, (n,), equal for splats of one group of `groups_in_cells`."""
+    """Return a number for each splat, (n,), equal for splats in one grid cell that face the same of six directions.
+
+    cell : edge length of the cells; low : (3,) float32, origin of the grid
+    """
     x, y, z = _codes_of(positions, normals, cell, low).astype(np.int64).T
     return np.asarray((x * MOST_CELLS + y) * MOST_CELLS + z)
 

@@ -27,26 +27,39 @@ Floats = NDArray[np.float32]
 
 
 class Cloud(NamedTuple):
-    """Points to cover: distinct positions in kd order."""
+    """Points that splats grow over and have to cover: distinct positions in kd order.
 
-    positions: Floats  # (n, 3)
-    normals: Floats  # (n, 3), unit
-    near: NDArray[np.int32]  # (n, k), neighbours of each point, nearest first, without the point
-    area: Floats  # (n,), area that each point represents
-    radii: Floats  # (n,), radii with which the whole cloud covers itself
-    border: NDArray[np.bool_]  # (n,), whether the point lies on an open border
+    positions, normals : (n, 3) float32; normals are unit vectors
+    near : (n, k) int32, rows of the neighbours of each point, nearest first, without the point
+    area : (n,) float32, area that each point represents
+    radii : (n,) float32, radii with which the whole cloud covers itself
+    border : (n,) bool, whether the point lies on an open border
+    """
+
+    positions: Floats
+    normals: Floats
+    near: NDArray[np.int32]
+    area: Floats
+    radii: Floats
+    border: NDArray[np.bool_]
 
 
 class Splats(NamedTuple):
-    """Splats and the points that they cover."""
+    """Splats that represent a cloud, and the points that each covers.
 
-    seeds: NDArray[np.int32]  # (m,), centre point of each splat
-    starts: NDArray[np.int64]  # (m + 1,), start of its points in `members`
-    members: NDArray[np.int32]  # covered points of all splats, nearest first
-    widths: Floats  # (m,), maximum width: the size of the surface around each splat
+    seeds : (m,) int32, row of the centre point of each splat
+    starts : (m + 1,) int64, start of each splat's points in `members`, and the end
+    members : int32, rows of the covered points, splat by splat, nearest first
+    widths : (m,) float32, maximum width: the size of the surface around each splat
+    """
+
+    seeds: NDArray[np.int32]
+    starts: NDArray[np.int64]
+    members: NDArray[np.int32]
+    widths: Floats
 
     def pick(self, rows: NDArray[Any]) -> Splats:
-        """Return the splats of the given rows."""
+        """Return the splats of the given rows, (k,) ints, with their points."""
         starts = np.concatenate([[0], np.cumsum(np.diff(self.starts)[rows])])
         members = np.empty(starts[-1], np.int32)
         _gather(self.starts, self.members, np.ascontiguousarray(rows, np.int64), starts, members)
@@ -54,7 +67,7 @@ class Splats(NamedTuple):
 
     @property
     def owners(self) -> NDArray[np.int64]:
-        """Index of the splat of each of `members`."""
+        """Index of the splat that covers each point in `members`."""
         return np.repeat(np.arange(len(self.seeds)), np.diff(self.starts))
 
 
@@ -68,7 +81,11 @@ def join(parts: list[Splats]) -> Splats:
 
 @kernel
 def _gather(starts: Array, members: Array, rows: Array, begins: Array, out: Array) -> None:
-    """Copy the members of the given splats, splat by splat."""
+    """Copy the covered points of the splats `rows`, splat by splat.
+
+    starts, members : covered points of all splats, and where those of each start
+    begins : start of each copy in `out`, and the end
+    """
     for i in range(len(rows)):
         first = starts[rows[i]]
         for k in range(begins[i + 1] - begins[i]):
@@ -77,7 +94,7 @@ def _gather(starts: Array, members: Array, rows: Array, begins: Array, out: Arra
 
 @inline
 def at(rows: Array, i: int) -> Vec3:
-    """Return row i of an (n, 3) array."""
+    """Return row i of an (n, 3) array as a vector."""
     return rows[i, 0], rows[i, 1], rows[i, 2]
 
 
@@ -90,9 +107,13 @@ def _grow_one(
     queue: tuple[Array, Array],
     out: Array,
 ) -> tuple[int, float]:
-    """Grow one splat; return its number of members and the squared distance to the last.
+    """Grow one splat around the point `seed`, from neighbour to neighbour, while its points stay near its plane.
 
-    bounds : radius and error bound; stamp : (last splat that visited each point, this splat); out : members
+    bounds : largest radius, and largest error; queue : memory for keys and rows of a heap
+    stamp : for each point the last splat that visited it, and the number of this splat
+    out : rows of the covered points
+
+    Returns the number of covered points and the squared distance of the last.
     """
     keys, rows = queue
     met, mark = stamp
@@ -128,7 +149,10 @@ def _grow_one(
 
 @inline
 def _with_capacity(array: Array, used: int, more: int) -> Array:
-    """Return the array, or a copy of at least twice its size if `more` numbers do not fit."""
+    """Return `array`, of which `used` numbers are in use, or a larger copy if `more` numbers would not fit.
+
+    The copy has at least twice the size.
+    """
     if used + more <= len(array):
         return array
     larger = np.empty(2 * len(array) + more, array.dtype)
@@ -138,7 +162,13 @@ def _with_capacity(array: Array, used: int, more: int) -> Array:
 
 @kernel
 def _grow(work: Array, cloud: Cloud, seeds: Array, bound: Array, error: float) -> tuple[Array, Array, Array, Array]:
-    """Grow splats from seeds; return the seed index, number of members and radius of each, and all members."""
+    """Grow splats from seeds, each from neighbour to neighbour while the error stays within bounds.
+
+    seeds : (m,) rows; bound : (n,) largest radius at each point; error : largest error
+
+    Returns, in the order in which this thread grew them, the seed's index, number of covered points and radius of each
+    splat, and the rows of all covered points.
+    """
     lent, seeds, bound = borrow(cloud), borrow(seeds), borrow(bound)
     met = np.full(len(lent.positions), -1, np.int32)
     queue = np.empty(4 * MOST, np.float32), np.empty(4 * MOST, np.int32)
@@ -160,7 +190,10 @@ def _grow(work: Array, cloud: Cloud, seeds: Array, bound: Array, error: float) -
 
 
 def grow(cloud: Cloud, seeds: NDArray[np.int32], bound: Floats, error: float) -> tuple[Splats, Floats]:
-    """Grow a splat around each seed, no wider than `bound` (n,); also return the radius that each reached."""
+    """Grow a splat around each seed, no wider than `bound` (n,); also return the radius that each reached.
+
+    seeds : (m,) rows of centre points; error : half the largest range of heights of a splat's points over its plane
+    """
     results = run(_grow, -(-len(seeds) // CHUNK), cloud, seeds, bound, float(error))
     which, counts, radii, members = (np.concatenate(column) for column in zip(*results, strict=True))
     order = np.argsort(which)  # independent of the threads
@@ -171,9 +204,12 @@ def grow(cloud: Cloud, seeds: NDArray[np.int32], bound: Floats, error: float) ->
 def grow_pool(
     cloud: Cloud, bound: Floats, error: float, times: int, wanted: NDArray[np.bool_] | None = None
 ) -> tuple[Splats, Floats]:
-    """Grow splats until each wanted point lies in at least `times` of them or all are seeds; also return their radii.
+    """Grow splats to choose from, until each wanted point lies in at least `times` of them or all are seeds.
 
-    The cost is about n * times, regardless of the size of splats. A splat for each point would cost n times their size.
+    bound : (n,) largest radius at each point; error : largest error of a splat; wanted : (n,) bool, default: all
+
+    Returns the splats and their radii (m,). The cost is about n * times, regardless of the size of splats. A splat for
+    each point would cost n times their size.
     """
     n = len(cloud.positions)
     rows = np.arange(n, dtype=np.int32) if wanted is None else np.flatnonzero(wanted).astype(np.int32)
@@ -192,7 +228,10 @@ def grow_pool(
 
 @kernel
 def _grade(work: Array, sizes: Array, cloud: Cloud, slope: float) -> int:
-    """Lower sizes[i] to sizes[j] + slope |x_i - x_j| from neighbour to neighbour, smallest first."""
+    """Lower sizes[i] to sizes[j] + slope |x_i - x_j| from neighbour j to neighbour i, smallest first.
+
+    sizes : (n,) of splats at the points x of the cloud
+    """
     n = len(sizes)
     keys, rows = np.empty(2 * n + 64, np.float32), np.empty(2 * n + 64, np.int32)
     count = 0
@@ -217,7 +256,7 @@ def _grade(work: Array, sizes: Array, cloud: Cloud, slope: float) -> int:
 
 
 def grade(sizes: Floats, cloud: Cloud, slope: float) -> Floats:
-    """Lower sizes (n,) until those of neighbours differ by at most `slope` times their distance."""
+    """Return sizes (n,) of splats, lowered until those at neighbours differ by at most `slope` times their distance."""
     graded = sizes.copy()
     run(_grade, 1, graded, cloud, slope)
     return graded

@@ -29,9 +29,9 @@ Floats = NDArray[np.float32]
 
 
 class Fine(NamedTuple):
-    """Splats from which a level is made.
+    """Splats that are averaged to make a coarser level of detail.
 
-    positions, normals : (n, 3) float32; radii : (n,) float32
+    positions, normals : (n, 3) float32; radii : (n,) float32, support radii
     colors : (n, 3) uint8 or None; noise : (n,) float32 or None, standard deviation of the noise that was smoothed away
     """
 
@@ -43,10 +43,10 @@ class Fine(NamedTuple):
 
 
 class Coarse(NamedTuple):
-    """Splats of a level.
+    """Splats of a level of detail, each the mean of a group of finer ones; their radii are chosen later.
 
-    positions, normals : (m, 3) float32; limits : (m,) float32, upper limits of their supports
-    colors : (m, 3) uint8 or None; noise : (m,) float32 or None, see `Fine`
+    positions, normals : (m, 3) float32; limits : (m,) float32, upper limits of their support radii
+    colors : (m, 3) uint8 or None; noise : (m,) float32 or None, standard deviation of the noise that was smoothed away
     """
 
     positions: Floats
@@ -59,7 +59,7 @@ class Coarse(NamedTuple):
 def coarsen(
     points: Points, radii: Floats, cell: float, noise: Floats | None = None
 ) -> tuple[Points, Floats, Floats | None]:
-    """Average the points in each grid cell that face the same one of the six main directions.
+    """Make a coarser level of detail: average the points in each grid cell that face the same of six axis directions.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ def coarsen(
         the mean of linear light. Attributes are means of finite values, NaN where fewer than half are finite; of
         categories the most common value.
     limits : (m,) float32
-        Upper limit of each point's support: the extent of its group's supports, at least SUPPORT cells.
+        Upper limit of each point's support radius: the extent of its group's supports, at least the size of a cell.
     noise : (m,) float32 or None
         Mean noise of each group.
     """
@@ -92,7 +92,10 @@ def coarsen(
 
 
 def means_of(groups: Groups, fine: Fine, cell: float) -> Coarse:
-    """Average each group of splats, see `coarsen`."""
+    """Average each group of splats: mean positions, normals and noise, and root mean square colours.
+
+    fine : the splats; groups : their rows in groups that share a grid cell; cell : edge length of the cells
+    """
     normals, colors = groups.mean(fine.normals), None
     if fine.colors is not None:
         colors = np.rint(np.sqrt(groups.mean(fine.colors.astype(np.float32) ** 2))).astype(np.uint8)

@@ -22,7 +22,7 @@ Xyz: TypeAlias = tuple[Array, Array, Array]  # x, y and z of each point
 
 
 class LocalPlanes(NamedTuple):
-    """Planes through the neighbours of n points, (n,) float32 each.
+    """Planes fitted to the neighbours of n points, (n,) float32 each.
 
     x, y, z : unit normal, of either sign
     thickness : standard deviation of the neighbours' distances from the plane
@@ -42,13 +42,17 @@ class LocalPlanes(NamedTuple):
 
 @inline
 def load_triple(xyz: Xyz, at: int) -> Triple:
-    """Load the vectors of 16 points."""
+    """Load the vectors of 16 consecutive points, from point `at`. xyz : x, y and z of all points, an array each"""
     return load16(xyz[0], at), load16(xyz[1], at), load16(xyz[2], at)
 
 
 @inline
 def gather_triple(xyz: Xyz, near: Array, start: int, width: int) -> Triple:
-    """Gather the vectors of one neighbour of each of 16 points."""
+    """Gather the vectors of one neighbour of each of 16 points.
+
+    xyz : x, y and z of all points, an array each; near : flat rows of neighbours, `width` for each point
+    start : index in `near` of the first point's neighbour
+    """
     return (
         gather16(xyz[0], near, start, width),
         gather16(xyz[1], near, start, width),
@@ -58,13 +62,17 @@ def gather_triple(xyz: Xyz, near: Array, start: int, width: int) -> Triple:
 
 @inline
 def difference(a: Triple, b: Triple) -> Triple:
-    """Return a - b."""
+    """Return a - b for vectors of 16 points."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 @kernel
 def _fit(work: Array, xyz: Xyz, near: Array, width: int, columns: tuple[int, int], out: tuple[Array, ...]) -> int:
-    """Fit a plane to neighbours columns[0]:columns[1] of each point. near : flat; out : see `LocalPlanes`"""
+    """Fit a plane to neighbours columns[0]:columns[1] of each point.
+
+    xyz : x, y and z of all points; near : flat rows of neighbours, `width` for each point
+    out : x, y, z of the normals, thickness, slimness, offset and reach, the arrays of `LocalPlanes`
+    """
     xyz, near, out = borrow(xyz), borrow(near), borrow(out)
     first, end = columns
     tile = next_tile(work)
@@ -105,7 +113,10 @@ def _fit(work: Array, xyz: Xyz, near: Array, width: int, columns: tuple[int, int
 
 @kernel
 def _disagree(work: Array, normals: Xyz, near: Array, width: int, columns: tuple[int, int], out: Array) -> int:
-    """Write the mean squared sine between each point's normal and those of neighbours columns[0]:columns[1]."""
+    """Write the mean squared sine between each point's normal and those of neighbours columns[0]:columns[1].
+
+    normals : x, y and z of all points; near : flat rows of neighbours, `width` for each point
+    """
     normals, near, out = borrow(normals), borrow(near), borrow(out)
     first, end = columns
     tile = next_tile(work)
@@ -123,10 +134,13 @@ def _disagree(work: Array, normals: Xyz, near: Array, width: int, columns: tuple
 
 @inline
 def _bend(own: Triple, normal: Triple, place: Triple, other: Triple) -> tuple[F16, F16, F16, F16]:
-    """Return the height of a neighbour over the arc through both points and over the point's plane, over the distance.
+    """Compare 16 points with a neighbour each, to see whether their normals follow the surface's curvature.
 
-    The third number is 1 if the neighbour faces the same way; otherwise the first three are 0. The fourth is 1 if both
-    points lie in one plane according to their normals.
+    own, normal : positions and normals of the points; place, other : of the neighbours
+
+    Returns the height of a neighbour over the arc through both points, and over the point's plane, both over the
+    distance. The third number is 1 if the neighbour faces the same way; otherwise the first three are 0. The fourth is
+    1 if both points lie in one plane according to their normals.
     """
     away = difference(place, own)
     size = vmax(vsqrt(inner(away, away)), broadcast16(f32(TINIEST)))
@@ -143,7 +157,12 @@ def _bend(own: Triple, normal: Triple, place: Triple, other: Triple) -> tuple[F1
 
 @kernel
 def _off_arcs(work: Array, xyz: Xyz, normals: Xyz, near: Array, width: int, columns: tuple[int, int], out: Xyz) -> int:
-    """Write means of `_bend` over neighbours columns[0]:columns[1], 1 if none faces the same way; sum up the fourth."""
+    """Write how far neighbours columns[0]:columns[1] are off arcs perpendicular to both normals, and off planes.
+
+    xyz, normals : x, y and z of all points; near : flat rows of neighbours, `width` for each point
+    out : mean height over the arcs and over the points' planes, over the distance (1 if no neighbour faces the same
+        way); number of neighbours that lie in one plane with the point
+    """
     xyz, normals, near, out = borrow(xyz), borrow(normals), borrow(near), borrow(out)
     first, end = columns
     tile = next_tile(work)
@@ -166,7 +185,7 @@ def _off_arcs(work: Array, xyz: Xyz, normals: Xyz, near: Array, width: int, colu
 
 
 def columns_of(rows: Floats) -> tuple[Floats, Floats, Floats]:
-    """Split an (n, 3) array into three contiguous columns."""
+    """Split an (n, 3) array into its columns x, y and z, contiguous float32."""
     x, y, z = (np.ascontiguousarray(rows[:, c], np.float32) for c in range(3))
     return x, y, z
 
@@ -179,7 +198,7 @@ def fit_planes(
     Parameters
     ----------
     xyz : three of (n,) float32
-        At least 16 points.
+        Coordinates of at least 16 points.
     near : (n, k) int32
         Rows of neighbours, nearest first.
     columns : (first, end)
@@ -193,7 +212,10 @@ def fit_planes(
 def disagreement(
     normals: tuple[Floats, ...], near: NDArray[np.int32], columns: tuple[int, int], threads: int | None = None
 ) -> Floats:
-    """Return the mean squared sine between each normal and those of its neighbours, (n,); 2/3 for random normals."""
+    """Return the mean squared sine between each normal and those of its neighbours, (n,); 2/3 for random normals.
+
+    normals : x, y and z; near : (n, k) rows of neighbours; columns : range (first, end) of columns of `near` to use
+    """
     out = np.empty(len(near), np.float32)
     run(_disagree, -(-len(out) // CHUNK), normals, near.reshape(-1), near.shape[1], columns, out, threads=threads)
     return out
@@ -212,6 +234,9 @@ def off_arcs(
     normals the first is much smaller than the second; for normals fitted to scattered points they are similar.
     Neighbours that face the other way do not count. The third result is the number of neighbours that lie in one plane
     with the point according to both normals.
+
+    xyz, normals : x, y and z of each point; near : (n, k) rows of neighbours
+    columns : range (first, end) of columns of `near` to use
     """
     arc, plane, same = np.empty((3, len(near)), np.float32)
     run(

@@ -14,7 +14,11 @@ from .voronoi import CHUNK, OTHER_SHEET, Neighborhood
 
 @inline
 def _gather_sorted(values: Array, normals: Array, i: int, near: Array, limit: float, found: Array) -> int:
-    """Gather the first values of `near` whose normals' cosine with that of point i is at least `limit`; sort them."""
+    """Write, sorted, the values of the first neighbours of point i with a similar normal; return their number.
+
+    near : rows of neighbours, nearest first; limit : least cosine of their normals with that of point i
+    normals : flat; found : output, as long as the maximum number
+    """
     n, count = load3_flat(normals, 3 * i), 0
     for j in near:
         if count < len(found) and dot(n, load3_flat(normals, 3 * i64(j))) >= limit:
@@ -29,7 +33,11 @@ def _gather_sorted(values: Array, normals: Array, i: int, near: Array, limit: fl
 
 @inline
 def _median(values: Array, normals: Array, i: int, near: Array, own: int, found: Array) -> float:
-    """Return the median around point i, one neighbour at a time."""
+    """Return the median of the values of the 8 nearest points on the sheet of point i, one neighbour at a time.
+
+    normals : flat; near : row i, then its neighbours, nearest first; own : 1 to include the value of point i, else 0
+    found : memory for 9 numbers
+    """
     count = _gather_sorted(values, normals, i, near[1 - own :], OTHER_SHEET, found[: NEAREST + own])
     if count < NEAREST // 2:  # too few neighbours on its sheet: any neighbour counts
         count = _gather_sorted(values, normals, i, near[1 - own :], -2.0, found[: NEAREST + own])
@@ -52,7 +60,11 @@ def _sorted4(a: F16, b: F16, c: F16, d: F16) -> tuple[F16, F16, F16, F16]:
 
 @inline
 def _middle_of8(values: Array, near: Array, start: int, width: int, memory: Array) -> tuple[F16, F16]:
-    """Return the fourth and fifth smallest value over the first 8 neighbours of each of 16 points."""
+    """Return the fourth and fifth smallest value over the first 8 neighbours of each of 16 points.
+
+    near : flat, `width` rows for each point: the point, then its neighbours; start : where the 16 points begin in it
+    memory : for 128 numbers
+    """
     for k in range(8):
         store(memory, 16 * k, gather16(values, near, start + k + 1, width))
     a = _sorted4(load16(memory, 0), load16(memory, 16), load16(memory, 32), load16(memory, 48))
@@ -65,7 +77,11 @@ def _middle_of8(values: Array, near: Array, start: int, width: int, memory: Arra
 
 @kernel
 def _medians(work: Array, values: Array, near: Array, width: int, own: int, out: Array) -> int:
-    """Write the median of the values at each point's first neighbours. near : flat, `width` columns; own : 1 or 0"""
+    """Write the median of the values of each point's 8 nearest neighbours.
+
+    near : flat, `width` rows for each point: the point, then its neighbours
+    own : 1 to include the point's own value, else 0
+    """
     values, near, out = borrow(values), borrow(near), borrow(out)
     memory = np.empty(8 * 16, np.float32)
     found = borrow(memory)
@@ -86,7 +102,11 @@ def _medians(work: Array, values: Array, near: Array, width: int, own: int, out:
 def _medians_of(
     work: Array, values: Array, normals: Array, neighborhood: tuple[Array, Array], own: int, out: Array
 ) -> int:
-    """Write the medians around the points of a neighbourhood, one neighbour at a time."""
+    """Write the medians for points whose 8 nearest neighbours are not all on their own sheet, one neighbour at a time.
+
+    normals : flat; neighborhood : rows of these points (m,), and each with its neighbours (m, k)
+    own : 1 to include the point's own value, else 0; out : (n,), written at these points only
+    """
     values, normals, (rows, near), out = borrow(values), borrow(normals), borrow(neighborhood), borrow(out)
     found = np.empty(NEAREST + 1, np.float32)
     tile = next_tile(work)
@@ -105,17 +125,17 @@ def medians_around(
     odd: Neighborhood,
     own: bool,
 ) -> NDArray[np.float32]:
-    """Compute the median of a value over the NEAREST nearest points on each point's own sheet.
+    """Compute the median of a value over the 8 nearest points on each point's own sheet, (n,).
 
     Parameters
     ----------
     values : (n,) float32
     normals : (n, 3) float32
         Unit normals.
-    near : (n, NEAREST + 1) int32
-        Rows of each point and its neighbours.
+    near : (n, 9) int32
+        Rows of each point and its 8 nearest neighbours.
     odd : Neighborhood
-        Points whose first NEAREST neighbours are not all on their own sheet, with more neighbours. All points, if there
+        Points whose 8 nearest neighbours are not all on their own sheet, with more neighbours. All points, if there
         are fewer than 16 or fewer neighbours.
     own : bool
         Whether to include the point's own value.

@@ -7,7 +7,7 @@ from ...engine.jit import Array, routine
 
 @routine
 def push(keys: Array, rows: Array, size: int, key: float, row: int) -> int:
-    """Push a row with its key; return the new size."""
+    """Push `row` with its key onto a binary min-heap; return the new size. keys, rows : the heap, `size` long"""
     i = size
     while i > 0:
         up = (i - 1) >> 1
@@ -21,7 +21,10 @@ def push(keys: Array, rows: Array, size: int, key: float, row: int) -> int:
 
 @routine
 def pop(keys: Array, rows: Array, size: int) -> int:
-    """Remove the first row, which the caller has read; return the new size."""
+    """Remove the row with the least key, rows[0], from a binary min-heap; return the new size.
+
+    keys, rows : the heap, `size` long. The caller has read its first row before.
+    """
     size -= 1
     key, row = keys[size], rows[size]
     i = 0

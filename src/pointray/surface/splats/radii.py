@@ -43,7 +43,7 @@ DIAGONAL = 1.8  # a little more than the diagonal of a unit cube
 
 
 class Chosen(NamedTuple):
-    """Result of `choose_radii`.
+    """Radii that `choose_radii` found for n points, and the borders of their surface.
 
     radii : (n,) float32
         In the unit of the positions, greater than 0.
@@ -54,7 +54,7 @@ class Chosen(NamedTuple):
     facing : (n,) bool
         Points that may have neighbours with opposite normals; no other point has.
     near : (n, k) int32
-        Each point and its 8 nearest neighbours, or all neighbours if there are fewer.
+        Rows of each point and its 8 nearest neighbours, or all neighbours if there are fewer.
     """
 
     radii: Floats
@@ -75,7 +75,7 @@ def choose_radii(
     """Choose radii that cover the surface, each as small as the point's Voronoi cell and its neighbours' radii allow.
 
     Also find the borders of the surface. Points in a clump much smaller than the spacing count as one. An isolated
-    point gets a radius like those of its nearest neighbours, see `limit_wide`.
+    point gets a radius like those of its nearest neighbours.
 
     Parameters
     ----------
@@ -85,11 +85,11 @@ def choose_radii(
         Unit normals.
     progress : callable, optional
     tree : NeighborTree, optional
-        Of the positions, in order.
+        Neighbour search over the positions, made with `in_order`. Default: made here.
     statistics : CloudStatistics, optional
         Statistics of the whole cloud, if the points are a part of one. Default: those of the points.
     others : (m, 3) float32, optional
-        Scattered points of the same cloud, which also narrow the gaps that discs may span, see `gaps`.
+        Scattered points of the same cloud, such as leaves. Where they are near, discs span narrower gaps.
 
     Raises
     ------
@@ -108,7 +108,12 @@ def choose_radii(
 
 
 def _merged(cloud: Cloud, found: Chosen, cell: float, statistics: CloudStatistics, others: Floats | None) -> Chosen:
-    """Repeat the survey with the points in one grid cell merged; return `found` if all points are in one cell."""
+    """Choose radii again, with the points in each grid cell merged: clumps of points have cells that are too small.
+
+    found : result without merging, which is returned if all points are in one grid cell
+    cell : edge length of the grid cells
+    others : scattered points of the same cloud, which are not in `cloud`
+    """
     nearest = distances(cloud.positions, Neighborhood(np.arange(len(found.near)), found.near), 1)
     rows, members = _in_cells(cloud.positions, nearest, cell)
     if len(rows) == 1:
@@ -118,7 +123,12 @@ def _merged(cloud: Cloud, found: Chosen, cell: float, statistics: CloudStatistic
 
 
 def _in_cells(positions: Floats, nearest: Floats, cell: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Apply `distinct` to the points that are closer than a cell's diagonal to their nearest neighbour."""
+    """Merge the points that share a grid cell and are close to their nearest neighbour; all others stay.
+
+    nearest : (n,) distance to the nearest neighbour; cell : edge length of the grid cells
+
+    Returns the rows of the m points that remain (m,), and for each point the index of its representative in them (n,).
+    """
     close = np.flatnonzero(nearest < DIAGONAL * cell)
     first, ids = distinct(positions[close], cell)
     kept = np.ones(len(positions), np.bool_)
@@ -132,9 +142,11 @@ def _in_cells(positions: Floats, nearest: Floats, cell: float) -> tuple[NDArray[
 def _survey(
     cloud: Cloud, whole: CloudStatistics, others: Floats | None = None, progress: Progress | None = None
 ) -> Chosen:
-    """Measure each point's cell, limited for isolated points; find the borders and the isolated points.
+    """Measure each point's Voronoi cell; limit the cells of isolated points; find open borders and isolated points.
 
-    whole : statistics of the whole cloud; others : points of the cloud that are not in this one
+    whole : statistics of the whole cloud; others : scattered points of the same cloud, which are not in `cloud`
+
+    The radii of the result reach the farthest vertices of the cells, without the factor by which supports overlap.
     """
     positions, normals = cloud.positions, cloud.normals
     cells = Cells(cloud, part_of(progress, 0.0, CUT))
@@ -171,14 +183,20 @@ def _survey(
 
 
 def _height(positions: Floats, normals: Floats, rows: NDArray[np.int64], near: NDArray[np.int32]) -> Floats:
-    """Return the mean sine of the angle between the neighbours' directions and each row's tangent plane."""
+    """Return how far neighbours are off the tangent plane of each of `rows`, (m,): mean sine of the angle to them.
+
+    A large value means that the point lies above a surface. near : (m, k) rows of neighbours
+    """
     away = positions[near] - positions[rows, None]
     height = np.abs(np.einsum("ijk,ik->ij", away, normals[rows]))
     return np.asarray((height / np.maximum(np.linalg.norm(away, axis=2), 1e-30)).mean(axis=1))
 
 
 def check_radii(radii: ArrayLike, n: int) -> Floats:
-    """Return the caller's radii as (n,) float32; the ValueError names the first invalid row."""
+    """Return the caller's radii as (n,) float32.
+
+    Raises ValueError for a wrong shape, or with the first row that is not finite and positive.
+    """
     array = check_numbers(radii, "radii")
     if array.shape != (n,):
         raise ValueError(f"radii must have the shape ({n},), one for each point, not {array.shape}")
@@ -192,13 +210,13 @@ def check_radii(radii: ArrayLike, n: int) -> Floats:
 
 
 def radii_in(points: Points) -> Floats | None:
-    """Return the attribute `radius` as support radii, if all its values are positive and finite; else None."""
+    """Return the attribute `radius` of points as support radii (n,); None if missing or not positive everywhere."""
     radii = points.attributes.get("radius")
     return None if radii is None else radii_among(radii)
 
 
 def radii_among(radii: NDArray[Any]) -> Floats | None:
-    """Return the values of an attribute as radii; None if one of them is not positive and finite."""
+    """Return the values of an attribute as float32 radii; None unless they are one positive number per point."""
     if radii.ndim != 1 or radii.dtype == np.bool_:
         return None
     with np.errstate(over="ignore"):

@@ -21,7 +21,10 @@ CHUNK = 2048
 
 @kernel
 def _find(work: Array, cloud: tuple[Array, Array, Array], neighborhood: tuple[Array, Array], out: Array) -> int:
-    """Set out[i] to 1 where a neighbour faces away from splat i and the support of either reaches the other's sheet."""
+    """Set out[i] to 1 where a neighbour faces away from splat i and the support of either reaches the other's sheet.
+
+    cloud : flat positions, normals and radii; neighborhood : rows of the splats, and each with its neighbours (m, k)
+    """
     (positions, normals, radii), (rows, near), out = borrow(cloud), borrow(neighborhood), borrow(out)
     tile = next_tile(work)
     while tile >= 0:
@@ -40,7 +43,7 @@ def _find(work: Array, cloud: tuple[Array, Array, Array], neighborhood: tuple[Ar
 
 @kernel
 def _widen(work: Array, found: Array, near: Array, out: Array) -> int:
-    """Set out[i] to 1 where splat i or one of its BESIDE nearest neighbours is set in `found`."""
+    """Set out[i] to 1 where splat i or one of its 8 nearest neighbours is set in `found`. near : (n, k) rows"""
     found, near, out = borrow(found), borrow(near), borrow(out)
     tile = next_tile(work)
     while tile >= 0:
@@ -58,7 +61,7 @@ def find_sheets(
     near: NDArray[np.int32],
     facing: Neighborhood,
 ) -> NDArray[np.int8] | None:
-    """Find splats on sheets close together.
+    """Find splats on sheets close together, as at a thin wall: the normals of both sides would cancel in the blend.
 
     Parameters
     ----------
@@ -66,15 +69,16 @@ def find_sheets(
     normals : (n, 3) float32
         Unit normals.
     radii : (n,) float32
+        Support radii.
     near : (n, k) int32
-        Rows of each point and at least its BESIDE nearest neighbours.
+        Rows of each point and at least its 8 nearest neighbours.
     facing : Neighborhood
         The splats that may have neighbours with opposite normals, and their neighbours.
 
     Returns
     -------
     (n,) int8 or None
-        1 for splats on sheets close together, else 0. None if no splat is.
+        1 for splats on sheets close together and their nearest neighbours, else 0. None if no splat is.
     """
     found = np.zeros(len(positions), np.int8)
     flat = [np.ascontiguousarray(array).reshape(-1) for array in (positions, normals, radii)]

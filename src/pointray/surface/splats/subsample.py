@@ -52,16 +52,21 @@ FINEST = 1e-7  # least error bound that is tried for a count, in diagonals
 
 
 class Subsample(NamedTuple):
-    """Result of `subsample`, and the data for its warnings."""
+    """Result of `subsample`, and the data for its warnings.
+
+    points, radii : the chosen points, and their (m,) support radii
+    within : share of the given points within the tolerance of the surface; 1 if a count was given
+    message : warning about the normals, or None
+    """
 
     points: Points
     radii: NDArray[np.float32]
-    within: float  # share of the given points within the tolerance of the surface; 1 for a count
-    message: str | None  # about the normals
+    within: float
+    message: str | None
 
     @property
     def met(self) -> bool:
-        """Whether the guaranteed share of the points is within the tolerance."""
+        """Whether the guaranteed share of the points, 99.9%, is within the tolerance."""
         return self.within >= SHARE
 
 
@@ -139,7 +144,10 @@ def find_subsample(
     smooth: str | float = "auto",
     progress: StageProgress | None = None,
 ) -> Subsample:
-    """Subsample points, see `subsample`, without warnings."""
+    """Reduce a cloud to fewer points that represent the same surface, like `subsample`, but without issuing warnings.
+
+    Give either `tolerance`, the largest error, or `count`, the number of points. smooth : noise to remove, or "auto"
+    """
     check_kind(points, "points", Points, "Points")
     check_callback(progress)
     _check_target(tolerance, count)
@@ -181,7 +189,10 @@ def _check_target(tolerance: Any, count: Any) -> None:
 
 
 def describe_cloud(points: Points) -> Cloud:
-    """Find neighbours, areas and borders of points with distinct positions, in kd order, with unit normals."""
+    """Find neighbours, areas and borders of the points, for the growth of splats over them.
+
+    points : with distinct positions, in kd order, with unit normals
+    """
     positions, normals = points.positions, points.normals
     assert normals is not None
     distances, near = neighbors(positions, NEIGHBORS + 1)
@@ -196,7 +207,7 @@ def describe_cloud(points: Points) -> Cloud:
 
 
 def _within(cloud: Cloud, tolerance: float, report: StageProgress) -> Subset:
-    """Select splats whose surface is within the tolerance of the points."""
+    """Select splats whose surface is within the tolerance of the points, and refine them where it is not."""
     error = LEEWAY * tolerance
     report("sizes", 0.0)
     sizes = measure(cloud, error)
@@ -214,7 +225,7 @@ def _within(cloud: Cloud, tolerance: float, report: StageProgress) -> Subset:
 
 
 def _as_many(cloud: Cloud, count: int, diagonal: float, report: StageProgress) -> Subset:
-    """Select exactly `count` splats."""
+    """Select exactly `count` splats with an error as small as possible. diagonal : of the cloud, the largest error"""
     if count == len(cloud.positions):
         return fit(cloud, _single(np.arange(count), cloud.radii), diagonal * FINEST)
     splats, sizes, error = _meet(cloud, count, diagonal, report)
@@ -235,7 +246,10 @@ def _as_many(cloud: Cloud, count: int, diagonal: float, report: StageProgress) -
 
 
 def _first(ratio: Floats, number: int) -> Floats:
-    """Return the `number` largest ratios, relative to the least of them and at least 1.001; 0 for all others."""
+    """Return the `number` largest ratios, relative to the least of them and at least 1.001; 0 for all others.
+
+    ratio : (m,) error of each splat over the tolerance. Splats with a result over 1 are refined next.
+    """
     first = np.argsort(-ratio, kind="stable")[:number]
     out = np.zeros_like(ratio)
     out[first] = np.maximum(ratio[first] / np.maximum(ratio[first[-1]], np.float32(1e-12)), np.float32(1.001))
@@ -243,7 +257,12 @@ def _first(ratio: Floats, number: int) -> Floats:
 
 
 def _meet(cloud: Cloud, count: int, diagonal: float, report: StageProgress) -> tuple[Splats, Floats, float]:
-    """Select at most `count` splats, and not many fewer; return them, their sizes and their error bound."""
+    """Select at most `count` splats, and not many fewer, by trying error bounds; some are left for refinement.
+
+    diagonal : of the cloud, the largest bound
+
+    Returns the splats, the largest possible size of a splat at each point (n,), and the error bound.
+    """
     goal = max(int((1 - RESERVE) * count), 1)
     report("sizes", 0.0)
     error = _guess(cloud, goal, diagonal)
@@ -266,7 +285,10 @@ def _meet(cloud: Cloud, count: int, diagonal: float, report: StageProgress) -> t
 
 
 def _guess(cloud: Cloud, goal: int, diagonal: float) -> float:
-    """Estimate the error bound for a number of splats from their possible size at a sample of the points."""
+    """Estimate the error bound at which about `goal` splats cover the cloud, from a sample of its points.
+
+    diagonal : of the cloud, the largest bound
+    """
     n = len(cloud.positions)
     some = np.zeros(n, np.bool_)
     some[:: max(n // SAMPLE, 1)] = True
@@ -280,13 +302,16 @@ def _guess(cloud: Cloud, goal: int, diagonal: float) -> float:
 
 
 def _single(rows: NDArray[Any], widths: Floats) -> Splats:
-    """Return splats that cover one point each."""
+    """Return splats that cover one point each. rows : (m,) these points; widths : (m,) of the splats"""
     rows = rows.astype(np.int32)
     return Splats(rows, np.arange(len(rows) + 1), rows, widths.astype(np.float32))
 
 
 def _more(cloud: Cloud, subset: Subset, number: int) -> Splats:
-    """Return `number` more splats: first one beside each splat, by increasing error, as they disturb the fit."""
+    """Return `number` more splats of one point each, to reach an exact count.
+
+    subset : splats so far. The first new ones lie beside each of these, by increasing error, as they disturb the fit.
+    """
     splats = subset.splats
     free = np.ones(len(cloud.positions), np.bool_)
     free[splats.seeds] = False
@@ -301,7 +326,10 @@ def _more(cloud: Cloud, subset: Subset, number: int) -> Splats:
 
 
 def _averaged(points: Points, subset: Subset) -> Points:
-    """Return the splats as points, with the mean colours and attributes of the points that each covers."""
+    """Return the splats as points, with the mean colours and attributes of the points that each covers.
+
+    points : the cloud that `subset` represents
+    """
     splats, at = subset.splats, subset.splats.starts[:-1]
 
     colors = None

@@ -30,18 +30,27 @@ SHRINK = 0.5, 0.9  # limits of the factor by which splats shrink where the error
 
 
 class Subset(NamedTuple):
-    """Chosen splats as a model takes them, and the distances of the cloud from their surface."""
+    """Splats chosen to represent a cloud of n points, fitted to it, and the distances of the cloud from their surface.
+
+    splats : the m splats, with the points that each covers
+    positions, normals : (m, 3) float32, fitted; radii : (m,) float32, support radii
+    distances : (n,) float32, signed distance of each point of the cloud from the surface
+    bare : (n,) bool, points that the surface does not cover
+    """
 
     splats: Splats
-    positions: Floats  # (m, 3), fitted
-    normals: Floats  # (m, 3)
-    radii: Floats  # (m,), supports
-    distances: Floats  # (n,), signed
-    bare: NDArray[np.bool_]  # (n,)
+    positions: Floats
+    normals: Floats
+    radii: Floats
+    distances: Floats
+    bare: NDArray[np.bool_]
 
 
 def measure(cloud: Cloud, error: float, times: int = SIZE_SAMPLES, wanted: NDArray[np.bool_] | None = None) -> Floats:
-    """Return the largest size of splats at each point (n,) within the error bound, graded, see `grade_sizes`."""
+    """Return the largest size of splats at each point (n,) within an error bound, and not much above its neighbours'.
+
+    times : splats that are grown over each point to measure; wanted : (n,) bool, points to measure, default: all
+    """
     low, high = cloud.positions.min(axis=0), cloud.positions.max(axis=0)
     widest = np.full(len(cloud.positions), WIDEST * np.linalg.norm(np.float64(high) - low), np.float32)
     pool, reached = grow_pool(cloud, widest, error, times, wanted)
@@ -51,25 +60,37 @@ def measure(cloud: Cloud, error: float, times: int = SIZE_SAMPLES, wanted: NDArr
 
 
 def grade_sizes(cloud: Cloud, sizes: Floats) -> Floats:
-    """Lower sizes as far as neighbours require, but not below what the cloud's spacing needs."""
+    """Lower sizes (n,) of splats so that they change gradually, but not below a share of the cloud's spacing.
+
+    A large support that reaches into fine detail would spoil it.
+    """
     least = np.float32(LEAST) * cloud.radii
     return np.asarray(np.maximum(grade(np.maximum(sizes, least), cloud, SLOPE), least))
 
 
 def select(cloud: Cloud, sizes: Floats, error: float, progress: StageProgress) -> Splats:
-    """Select splats that cover every point: greedily, then relaxed."""
+    """Select splats that cover every point: greedily by newly covered area, then relaxed to fewer.
+
+    sizes : (n,) largest size of a splat at each point; error : largest error of a splat
+    """
     pool, rows = select_greedily(cloud, sizes, error)
     return pool.pick(relax(pool, cloud, rows, progress=progress))
 
 
 def select_greedily(cloud: Cloud, sizes: Floats, error: float) -> tuple[Splats, NDArray[np.int32]]:
-    """Return a pool of splats, and the rows of a greedy selection."""
+    """Return candidate splats, and the rows of those that a greedy selection by newly covered area chooses, (m,) int32.
+
+    sizes : (n,) largest size of a splat at each point; error : largest error of a splat
+    """
     pool, _ = grow_pool(cloud, sizes, error, CANDIDATES)
     return pool, choose(pool, cloud, np.zeros(len(sizes), np.int32))
 
 
 def fit(cloud: Cloud, splats: Splats, error: float) -> Subset:
-    """Shift and tilt the splats until their blended surface is centred among the points that each covers."""
+    """Shift and tilt the splats until their blended surface is centred among the points that each covers.
+
+    error : error bound, which limits the influence of outliers
+    """
     at, own, members = splats.starts[:-1], splats.owners, splats.members
     seeds, first = cloud.positions[splats.seeds], cloud.normals[splats.seeds]
     radii = np.maximum(np.float32(OVERLAP) * splats.widths, cloud.radii[splats.seeds])
@@ -94,13 +115,19 @@ def fit(cloud: Cloud, splats: Splats, error: float) -> Subset:
 
 
 def _heights(cloud: Cloud, surface: tuple[Floats, Floats, Floats], error: float) -> Floats:
-    """Return the distances of points from a surface, clipped so that outliers do not guide the fit."""
+    """Return the signed distances of the cloud from a surface, (n,), clipped so that outliers do not guide a fit.
+
+    surface : positions, normals and support radii of splats; error : half of the limit
+    """
     distances, _ = deviations(cloud.positions, cloud.normals, surface)
     return np.clip(distances, -2 * error, 2 * error)
 
 
 def _tilted(first: Floats, normals: Floats, slope: NDArray[np.floating[Any]]) -> Floats:
-    """Tilt unit normals by the tangential part of the slope; a normal stays if it would tilt too far."""
+    """Tilt unit normals (m, 3) by the tangential part of `slope` (m, 3), unless they would be too far from `first`.
+
+    first : (m, 3) normals of the points from which the splats grew
+    """
     slope = slope - np.einsum("ij,ij->i", slope, normals)[:, None] * normals
     new = normals - slope
     new /= np.linalg.norm(new, axis=1, keepdims=True)
@@ -108,24 +135,30 @@ def _tilted(first: Floats, normals: Floats, slope: NDArray[np.floating[Any]]) ->
 
 
 def _shifted(seeds: Floats, positions: NDArray[np.floating[Any]], widths: Floats) -> Floats:
-    """Limit positions to half a width around the seeds."""
+    """Return positions (m, 3) moved to at most half a splat's width from its seed. seeds : (m, 3); widths : (m,)"""
     offsets = positions - seeds
     length = np.linalg.norm(offsets, axis=1)
     return np.asarray(seeds + offsets * np.minimum(1, 0.5 * widths / np.maximum(length, 1e-30))[:, None], np.float32)
 
 
 def errors(subset: Subset, tolerance: float) -> Floats:
-    """Return the distance of each point from the surface, in tolerances."""
+    """Return the distance of each point of the cloud from the surface, (n,), in tolerances; 4 for uncovered points."""
     return np.where(subset.bare, np.float32(BARE), np.abs(subset.distances) / np.float32(tolerance))
 
 
 def worst(subset: Subset, tolerance: float) -> Floats:
-    """Return the largest error among the points of each splat."""
+    """Return the largest error among the points that each splat covers, (m,), in tolerances."""
     return np.asarray(np.maximum.reduceat(errors(subset, tolerance)[subset.splats.members], subset.splats.starts[:-1]))
 
 
 def shrink_splats(cloud: Cloud, subset: Subset, sizes: Floats, error: float, ratio: Floats) -> tuple[Splats, Floats]:
-    """Shrink splats and sizes where the ratio (m,) of error to tolerance is over 1; other splats stay."""
+    """Shrink splats of a subset whose error is too large, and cover their points again with smaller ones.
+
+    sizes : (n,) largest size of a splat at each point; error : bound for new splats
+    ratio : (m,) error of each splat over the tolerance; over 1 it is shrunk
+
+    Returns the new splats and sizes.
+    """
     splats = subset.splats
     shrunk = splats.widths * np.clip(SHRINK[1] * np.maximum(ratio, 1) ** -0.5, *SHRINK)
     least = np.where(ratio > 1, shrunk, np.float32(np.inf)).astype(np.float32)

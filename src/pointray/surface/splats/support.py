@@ -29,9 +29,9 @@ Rows = NDArray[np.int32]
 
 
 class Support(NamedTuple):
-    """Support of n splats.
+    """Radii of n splats, and which of them lie on open borders or on sheets close together.
 
-    radii : (n,) float32
+    radii : (n,) float32, support radii
     borders : (n, 3) float32, outward direction for splats on an open border, else zero; None if not computed
     sheets : (n,) int8, 1 for splats with an opposite sheet close by, else 0; None if no splat has one
     tight : whether many radii are too small to cover the surface
@@ -48,7 +48,7 @@ class Support(NamedTuple):
 
     @property
     def crowded(self) -> NDArray[np.bool_]:
-        """Mask of splats that share their position with CROWD earlier ones; rays would have to test all of them."""
+        """Mask (n,) of splats that share their position with 16 earlier ones; they are left out to keep rays fast."""
         ids = self.position_ids
         if ids is None or np.bincount(ids).max() <= CROWD:
             return np.zeros(len(self.radii), np.bool_)
@@ -60,12 +60,12 @@ class Support(NamedTuple):
 
     @property
     def note(self) -> str:
-        """Message about isolated points; empty if there are only a few."""
+        """Message for the user that radii of isolated points were reduced; empty if there are only a few."""
         return isolated_note(int(self.isolated.sum()), len(self.isolated))
 
 
 def isolated_note(count: int, total: int) -> str:
-    """Return a message about `count` isolated points among `total`; empty if they are only a few."""
+    """Return a message that discs of `count` isolated points of `total` were reduced; empty up to 1 in 100,000."""
     if count <= REPORTED_SHARE * total:
         return ""
     points, whose = ("1 isolated point", "its") if count == 1 else (f"{count:,} isolated points", "their")
@@ -87,7 +87,7 @@ def find_support(
     others: Floats | None = None,
     noise: Floats | None = None,
 ) -> Support:
-    """Find the support of every splat with one neighbour search.
+    """Find the support of every splat with one neighbour search: its radius, open borders, and sheets close together.
 
     Parameters
     ----------
@@ -100,14 +100,16 @@ def find_support(
     scale : float
         Factor for all radii.
     borders, sheets : bool
-        Whether to find borders and sheets. Sheets require `borders`. NEIGHBORS or fewer different positions have none.
+        Whether to find borders and sheets. Sheets require `borders`. 20 or fewer different positions have none.
     within : (float, (n,) float32), optional
         Lower and upper limits of chosen radii.
     apart : bool
         Whether all positions are known to be distinct.
     progress : callable, optional
-    statistics, others : optional
-        See `choose_radii`.
+    statistics : CloudStatistics, optional
+        Statistics of the whole cloud, if the splats are a part of one. Default: those of the splats.
+    others : (m, 3) float32, optional
+        Scattered points of the same cloud, such as leaves; chosen discs span narrower gaps beside them.
     noise : (n,) float32, optional
         Standard deviation of the noise of each point. Frayed borders are trimmed where it is greater than 0.
 
@@ -150,11 +152,14 @@ def find_support(
 
 
 def _places(positions: Floats) -> tuple[Rows, Rows] | tuple[None, None]:
-    """Return the rows and ids of `distinct`, or None for both if all positions differ."""
+    """Return the first row at each of m distinct positions (m,), and the index of each point's position (n,).
+
+    Return None for both if all positions differ.
+    """
     rows, ids = distinct(positions)
     return (None, None) if len(rows) == len(ids) else (rows, ids)
 
 
 def _spread(values: NDArray[Any], ids: Rows | None) -> NDArray[Any]:
-    """Expand values per distinct position to values per splat."""
+    """Expand values of m distinct positions to n splats. ids : (n,) position of each splat, or None if all differ"""
     return values if ids is None else values[ids]

@@ -30,10 +30,13 @@ Vec2: TypeAlias = tuple[float, float]  # in a tangent plane
 
 @inline
 def _unfolded(positions: Array, normals: Array, i: int, j: int, axes: tuple[Vec3, Vec3]) -> Vec2:
-    """Return point j in the tangent plane of point i, or (0, 0) if it is on another sheet.
+    """Return the position of point j in the tangent plane of point i, or (0, 0) if it is on another sheet.
+
+    positions, normals : flat; axes : two tangents of point i, the axes of the result
 
     A fold consists of two planes at an angle. The offset along the crease is kept. The offset across the crease becomes
-    the distance over both planes, (p_j - p_i).(n_j - n_i) / sin(angle), in the direction in which n_j leans.
+    the distance over both planes, (p_j - p_i).(n_j - n_i) / sin(angle), in the direction in which n_j leans. Without a
+    fold, j keeps its distance in space and the direction of its projection.
     """
     at = load3_flat(positions, 3 * j)
     d = sub((f64(at[0]), f64(at[1]), f64(at[2])), load3_flat(positions, 3 * i))
@@ -55,10 +58,11 @@ def _unfolded(positions: Array, normals: Array, i: int, j: int, axes: tuple[Vec3
 
 @inline
 def _cut(polygons: Array, which: int, count: int, a: float, b: float, j: int) -> int:
-    """Clip a polygon to the points closer to the origin than to (a, b), the position of point j.
+    """Clip a polygon to the points closer to the origin than to (a, b), the position of point j; return its new size.
 
     polygons : two polygons with rows x, y and the point whose bisector the side from that corner lies on (-1: the
-    square). Polygon `which` is clipped into the other one. (Arrays that inlined functions return are freed too early.)
+    square). Polygon `which`, with `count` corners, is clipped into the other one. (Arrays that inlined functions return
+    are freed too early.)
     """
     limit = 0.5 * (a * a + b * b)
     edge = SHARED * limit
@@ -83,7 +87,12 @@ def _cut(polygons: Array, which: int, count: int, a: float, b: float, j: int) ->
 
 @inline
 def _is_cut(corners: Array, count: int, a: float, b: float) -> bool:
-    """Return whether a corner is closer to (a, b) than to the origin: most neighbours clip nothing."""
+    """Return whether a corner of a polygon is closer to (a, b) than to the origin, so that it must be clipped.
+
+    corners : rows that begin with x, y; count : number of corners
+
+    This test comes before `_cut`, because most neighbours clip nothing.
+    """
     limit = 0.5 * (a * a + b * b)
     farthest = -np.inf
     for k in range(count):
@@ -93,7 +102,7 @@ def _is_cut(corners: Array, count: int, a: float, b: float) -> bool:
 
 @inline
 def _square(positions: Array, i: int, j: int) -> float:
-    """Return the squared distance of two points."""
+    """Return the squared distance of points i and j. positions : flat"""
     at = load3_flat(positions, 3 * j)
     d = sub((f64(at[0]), f64(at[1]), f64(at[2])), load3_flat(positions, 3 * i))
     return dot(d, d)
@@ -103,7 +112,14 @@ def _square(positions: Array, i: int, j: int) -> float:
 def cell_of(
     positions: Array, normals: Array, i: int, axes: tuple[Vec3, Vec3], near: Array, polygons: Array
 ) -> tuple[int, int, float]:
-    """Return which polygon is the cell of point i, its number of corners, and the largest squared distance of one."""
+    """Clip a square in the tangent plane of point i to its Voronoi cell.
+
+    positions, normals : flat; axes : tangents of point i; near : its row, then those of its neighbours, nearest first
+    polygons : memory for two polygons of 64 rows: x and y of a corner relative to point i, and the row of the neighbour
+        whose bisector the side from that corner lies on, -1 for a side of the square
+
+    Returns the index of the polygon that is the cell, its number of corners, and the largest squared distance of one.
+    """
     side = math.sqrt(_square(positions, i, i64(near[len(near) - 1])))
     for k in range(4):
         polygons[0, k, 0] = side if k == 0 or k == 3 else -side
@@ -124,7 +140,12 @@ def cell_of(
 
 @inline
 def mirror(corners: Array, k: int, after: int) -> tuple[Vec2, float]:
-    """Mirror the origin at the side that starts at corner k; also return the side's distance from the origin."""
+    """Mirror the origin at a side of a Voronoi cell, which gives the neighbour behind that side.
+
+    corners : rows that begin with x, y; k, after : corners at both ends of the side
+
+    Also return the side's distance from the origin, where the cell's own point is.
+    """
     x, y = corners[k, 0], corners[k, 1]
     dx, dy = corners[after, 0] - x, corners[after, 1] - y
     t = -(x * dx + y * dy) / max(dx * dx + dy * dy, 1e-300)
@@ -134,20 +155,23 @@ def mirror(corners: Array, k: int, after: int) -> tuple[Vec2, float]:
 
 @inline
 def _lies_ahead(b: Vec2, ahead: Vec2) -> bool:
-    """Return whether point b lies in the direction of a gap."""
+    """Return whether point b of a tangent plane lies within 60 degrees of `ahead`, the unit direction of a gap."""
     return b[0] * ahead[0] + b[1] * ahead[1] > AHEAD * math.sqrt(b[0] * b[0] + b[1] * b[1])
 
 
 @inline
 def _nearer_until(start: Vec3, direction: Vec3, d: Vec3) -> float:
-    """Return the distance along the line from `start` up to which the origin is closer than d."""
+    """Return how far a line from `start` along a unit direction stays closer to the origin than to d; may be inf."""
     ahead = dot(direction, d)
     return max(0.5 * dot(d, d) - dot(start, d), 0.0) / ahead if ahead > 0.0 else np.inf
 
 
 @inline
 def up_to_seam(cloud: tuple[Array, Array], i: int, one: int, other: int, distance: float) -> float:
-    """Return the distance to the vertex between two neighbours, reduced at a corner where three sheets meet.
+    """Return the distance to a vertex of a Voronoi cell, reduced at a corner where three sheets meet.
+
+    cloud : flat positions and normals; i : the cell's point; one, other : the neighbours between which the vertex lies
+    distance : from point i to the vertex, in the tangent plane
 
     At the corner of a cube there are 270 degrees of surface; unfolded, they leave a quarter of the plane empty. The
     surface ends at the seam of the two other sheets: the cell extends to the corner, and along the seam until one of
@@ -176,13 +200,14 @@ def up_to_seam(cloud: tuple[Array, Array], i: int, one: int, other: int, distanc
 def _reach(
     cloud: tuple[Array, Array], i: int, corners: Array, count: int, known: tuple[float, Array, float], ahead: Vec2
 ) -> tuple[float, bool]:
-    """Return the distance to the farthest vertex that counts, and whether the surface continues across the gap.
+    """Return the distance to the farthest vertex of a Voronoi cell that counts, and whether the surface continues.
 
+    cloud : flat positions and normals; corners : of the cell of point i, `count` rows: x, y, neighbour behind the side
     known : the typical distance to the farthest vertex at this point; that at all points; the widest gap, in units of
         it, that is closed
-    ahead : direction of a gap, or zero
+    ahead : direction of a possible gap in the surface, or zero
 
-    Each side also contributes its point closest to the origin.
+    Vertices across wider gaps do not count. Each side also contributes its point closest to the origin.
     """
     own, typical, void = known
     within, beyond, closed, facing = 0.0, 0.0, True, False
@@ -224,7 +249,14 @@ def _measure(
     known: tuple[Array, Array, float],
     out: tuple[Array, Array],
 ) -> int:
-    """Measure the cell of each row. known : gaps and typical distances (or empty arrays), void; see `measure_cells`"""
+    """Write the distance to the farthest vertex of each row's Voronoi cell, and whether the cell is closed.
+
+    With typical distances, the second result is whether the surface continues there.
+
+    rows : (m,) the points; near : (m, k) each point, then its neighbours, nearest first; out : (m,) for both results
+    known : outward directions at possible gaps, flat, and typical distances to the farthest vertex (both may be empty);
+        the widest gap that is closed, in these distances
+    """
     positions, normals, rows = borrow(positions), borrow(normals), borrow(rows)
     near, (gaps, typical, void), (reach, closed) = borrow(near), borrow(known), borrow(out)
     memory = np.empty((2, CORNERS, 3))
@@ -251,7 +283,7 @@ def _measure(
 
 
 class Neighborhood(NamedTuple):
-    """Points and their neighbours.
+    """Points and their nearest neighbours, as row numbers of a cloud.
 
     rows : (m,) int32 or int64, the points; near : (m, k) int32, each point first, then its neighbours, nearest first
     """
@@ -268,7 +300,7 @@ def measure_cells(
     typical: NDArray[np.float32] | None = None,
     void: float = np.inf,
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Measure the distance to the farthest vertex of each point's Voronoi cell.
+    """Measure Voronoi cells in tangent planes: the distance to the farthest vertex, which a splat must reach.
 
     Parameters
     ----------
@@ -277,12 +309,12 @@ def measure_cells(
     normals : (n, 3) float32
         Unit normals.
     neighborhood : Neighborhood
-        The points to measure, and their neighbours.
+        The m points to measure, and their neighbours.
     gaps : (n, 3) float32, optional
         Outward direction for points on a possible border, else zero.
     typical : (n,) float32, optional
         Typical distance to a cell's farthest vertex around each point. None: every vertex counts. Otherwise a vertex
-        counts if it is within `void` (in the direction of a gap, BORDER) times that distance, taken at this point or at
+        counts if it is within `void` (in the direction of a gap, 1.3) times that distance, taken at this point or at
         one of the two points that share the vertex, where the surface may continue more sparsely.
     void : float
         Gaps up to this many typical distances wide are closed.
@@ -290,7 +322,7 @@ def measure_cells(
     Returns
     -------
     reach : (m,) float32
-        0 where no neighbour bounds the cell.
+        Distance to the farthest vertex; 0 where no neighbour bounds the cell.
     closed : (m,) bool
         Without `typical`, whether no farther neighbour could change the cell; else whether the surface continues.
     """

@@ -47,10 +47,12 @@ Around = Callable[[NDArray[np.int64]], NDArray[np.int32]]
 
 
 class Supporters(NamedTuple):
-    """Wide discs and their supporters.
+    """Wide discs, and for each of them the other discs that show that it belongs to a surface.
 
-    rows : (m,) int64, the discs; fit : (m, AROUND) int32, supporters of each, -1 for none; around : (m,) int64, number
-    of candidates near each disc
+    A disc's supporters are about as wide, close by, and on a smooth sheet with it. With too few, its point is isolated.
+
+    rows : (m,) int64, points of the wide discs; fit : (m, 32) int32, points of each one's supporters, -1 for none
+    around : (m,) int64, number of discs about as wide that are close by, whether on a sheet with it or not
     """
 
     rows: Rows
@@ -61,7 +63,7 @@ class Supporters(NamedTuple):
 def limit_wide(
     positions: Floats, normals: Floats, reach: Floats, around: Around, reach_around: Floats, middle: float
 ) -> NDArray[np.bool_]:
-    """Reduce the reach of isolated points to that of their neighbours, and of other discs as far as possible, in place.
+    """Reduce the reach of isolated points to their neighbours', and that of dense points beside sparse ones, in place.
 
     Parameters
     ----------
@@ -70,13 +72,13 @@ def limit_wide(
     normals : (n, 3) float32
         Unit normals.
     reach : (n,) float32
-        Distance to the farthest vertex of each point's cell; discs are larger by the overlap of supports.
+        Distance to the farthest vertex of each point's Voronoi cell; discs are larger by the overlap of supports.
     around : callable
-        Returns rows and their neighbours, (m, k) int32.
+        Returns given rows and their neighbours, (m, k) int32.
     reach_around : (n,) float32
         Median reach around each point.
     middle : float
-        Median reach of all points.
+        Median reach of all points. Only discs over 3 times as wide are examined.
 
     Returns
     -------
@@ -100,7 +102,12 @@ def limit_wide(
 
 
 def _find_supporters(positions: Floats, normals: Floats, reach: Floats, rows: Rows, typical: np.float32) -> Supporters:
-    """Find the supporters of each row, octave by octave of their width."""
+    """Find wide discs that lie close to each of `rows` and on a smooth sheet with it.
+
+    reach : (n,) distance to the farthest vertex of each point's Voronoi cell; typical : its median
+
+    Discs of similar width, up to a factor of two, are processed together; only one in each grid cell counts.
+    """
     supporters = Supporters(rows, np.full((len(rows), AROUND), -1, np.int32), np.zeros(len(rows), np.int64))
     octaves = np.floor(np.log2(reach[rows] / (NOTICE * typical)))
     for octave in np.unique(octaves):
@@ -123,7 +130,13 @@ def _find_supporters(positions: Floats, normals: Floats, reach: Floats, rows: Ro
 def _on_one_sheet(
     positions: Floats, normals: Floats, rows: Rows, found: NDArray[np.int32], level: Floats
 ) -> NDArray[np.bool_]:
-    """Return which of the points found for each row lie on an arc with it, within SMOOTH. Signs of normals are free."""
+    """Return which points lie on a smooth sheet with each row: near a circular arc perpendicular to both normals.
+
+    rows : (m,); found : (m, k) rows of the points to test, the shape of the result
+    level : (m,) length of which the tolerance is a share if a point is closer than that
+
+    Signs of normals are free.
+    """
     away, n, m = positions[found] - positions[rows, None], normals[rows], normals[found]
     cosines = np.einsum("ijk,ik->ij", m, n)
     off = np.einsum("ijk,ik->ij", away, n) + np.copysign(1, cosines) * np.einsum("ijk,ijk->ij", away, m)
@@ -132,7 +145,11 @@ def _on_one_sheet(
 
 
 def _find_isolated(reach: Floats, supporters: Supporters, typical: np.float32) -> Rows:
-    """Return the rows with too few supporters; isolated supporters do not count."""
+    """Return the rows of wide discs that too few other wide discs support; isolated discs do not count as support.
+
+    reach : (n,) distance to the farthest vertex of each point's Voronoi cell; typical : its median
+    supporters : for each wide disc, others that lie on a smooth sheet with it
+    """
     rows, fit, around = supporters
     wanted = np.minimum(reach[rows] / typical, OTHERS)
     wanted *= np.maximum(around / COMPANY * np.sqrt(wanted / OTHERS), 1)
@@ -147,7 +164,7 @@ def _find_isolated(reach: Floats, supporters: Supporters, typical: np.float32) -
 
 
 def _first_medians(values: Floats, otherwise: np.float32) -> Floats:
-    """Return the median of the first BESIDE numbers of each row, ignoring NaN; `otherwise` if there is none."""
+    """Return the median of the first 8 numbers of each row, (m,), ignoring NaN. otherwise : result if all are NaN"""
     known = ~np.isnan(values)
     first = np.where(known & (np.cumsum(known, axis=1) <= BESIDE), values, np.float32(np.inf))
     count = np.minimum(known.sum(axis=1), BESIDE)
@@ -156,7 +173,11 @@ def _first_medians(values: Floats, otherwise: np.float32) -> Floats:
 
 
 def _spare(positions: Floats, reach: Floats, supporters: Supporters, typical: np.float32, reach_around: Floats) -> None:
-    """Reduce the reach of dense points beside sparse ones, in place."""
+    """Reduce the reach of dense points beside sparse ones, in place: both would cover the gap between them.
+
+    reach : (n,) distance to the farthest vertex of each point's Voronoi cell; typical : its median over all points
+    reach_around : (n,) its median around each point; supporters : wide discs, with similar ones on one sheet with them
+    """
     crowded = reach > np.maximum(CROWDED * reach_around, NOTICE * typical)
     some = crowded[supporters.rows]
     rows, fit = supporters.rows[some], supporters.fit[some]

@@ -27,7 +27,7 @@ BATCH, SQUARE = 1024, 32  # rays that a thread takes at a time; in an image they
 
 
 class Pace(NamedTuple):
-    """Threads and progress callback of a cast.
+    """Threads and progress callback for tracing a batch of rays.
 
     threads : None: on all cores
     progress : called with the share done, about ten times a second; an exception in it ends the work
@@ -44,10 +44,10 @@ HitArrays: TypeAlias = tuple[Array, Array, Array, Array, Array, Array, Array, Ar
 
 @inline
 def ray_at(shape: tuple[int, int], batch: int, k: int) -> int:
-    """Return the index of ray k of a batch, or -1 if there is none.
+    """Return the index of ray k of a batch, or -1 if there is none. k : 0 to 1023
 
-    shape : height and width of an image, whose squares follow a Morton curve, so that consecutive rays are close
-        together; or 1 and the number of rays, which keep their order
+    shape : height and width of an image, in which each batch is a square that follows a Morton curve, so that
+        consecutive rays are close together; or 1 and the number of rays, which keep their order
     """
     height, width = shape
     if height == 1:
@@ -60,20 +60,23 @@ def ray_at(shape: tuple[int, int], batch: int, k: int) -> int:
 
 
 def batches(shape: tuple[int, int]) -> int:
-    """Return the number of batches for rays of a shape, see `ray_at`."""
+    """Return the number of batches of up to 1,024 rays into which an image, or a row of rays, is divided.
+
+    shape : height and width of an image; or 1 and the number of rays
+    """
     height, width = shape
     return -(-width // BATCH) if height == 1 else -(-height // SQUARE) * -(-width // SQUARE)
 
 
 @inline
 def _is_ordinary(square: float) -> bool:
-    """Return whether a direction of this squared length is traced unchanged."""
+    """Return whether a direction of this squared length is traced unchanged, being neither too short nor too long."""
     return (SHORT < square) & (square < LONG)
 
 
 @inline
 def _exponent(d: Vec3) -> int:
-    """Return the exponent of the power of two that divides a direction before tracing, to make its square finite.
+    """Return the exponent of the power of two that divides a direction d before tracing, to make its square finite.
 
     It is 0 for lengths from 1e-30 to 1e30, and for directions that are zero or not finite: they miss.
     """
@@ -85,7 +88,7 @@ def _exponent(d: Vec3) -> int:
 
 @inline
 def _times_power(a: Vec3, exponent: int) -> Vec3:
-    """Multiply a vector by a power of two in two halves, because the power itself may exceed float64."""
+    """Multiply a vector by 2 ** exponent in two halves, because the power itself may exceed float64."""
     half = exponent // 2
     a = scale(a, math.ldexp(1.0, half))
     return scale(a, math.ldexp(1.0, exponent - half))
@@ -95,9 +98,10 @@ def _times_power(a: Vec3, exponent: int) -> Vec3:
 def _set_rays(
     rays: tuple[Array, Array, Array], shape: tuple[int, int], start: tuple[int, int], scratch: Scratch
 ) -> bool:
-    """Set the next tile of rays; return whether any of them may have an exponent.
+    """Set the next tile of rays; return whether any direction was scaled because its square would not be finite.
 
-    rays : origins, directions, limits; start : the batch, and the offset of the tile in it
+    rays : origins, directions, limits (t_min, t_max), flat; start : the batch, and the offset of the tile in it
+    shape : height and width of the image that the rays form; or 1 and their number
     """
     origins, directions, limits = rays
     for k in range(sc.TILE):
@@ -125,7 +129,12 @@ def _set_rays(
 def _closest(
     work: Array, world: World, origins: Array, directions: Array, limits: Array, shape: tuple[int, int], out: HitArrays
 ) -> int:
-    """Find the closest hits. limits : (n, 2); out : t, position, normal, color, point, instance, leaf, local."""
+    """Find the closest hits of n rays with everything in the scene.
+
+    origins, directions : flat; limits : (n, 2), flat, t_min and t_max
+    shape : height and width of the image that the rays form; or 1 and n
+    out : t, position, normal, color, point (the caller's row), instance, leaf, local (position in the model), flat
+    """
     t, position, normal, color, point, instance, leaf, local = out
     origins, directions, limits = borrow(origins), borrow(directions), borrow(limits)
     memory = new_scratch(world.longest)
@@ -166,7 +175,11 @@ def _closest(
 def _occluded(
     work: Array, world: World, origins: Array, directions: Array, limits: Array, shape: tuple[int, int], out: Array
 ) -> int:
-    """Test occlusion: out is (n,) uint8."""
+    """Test whether each of n rays hits anything; out is (n,) uint8.
+
+    origins, directions : flat; limits : (n, 2), flat, t_min and t_max
+    shape : height and width of the image that the rays form; or 1 and n
+    """
     origins, directions, limits = borrow(origins), borrow(directions), borrow(limits)
     memory = new_scratch(world.longest)
     scratch, world = borrow(memory), borrow(world)
@@ -188,9 +201,10 @@ def _occluded(
 def _blend_attribute(
     work: Array, world: World, found: tuple[Array, int, Array, Array, Array], values: Array, width: int, out: Array
 ) -> int:
-    """Blend one attribute, (n * k,) float64 in the caller's order, at hits; without weights take the hit point's value.
+    """Blend one attribute at hits on one model, with the weights of f; without weights take the hit point's value.
 
-    found : hits, model, leaf, local, point
+    found : rows of the hits; the model's index; then leaf, local (position in the model) and point (row) of all hits
+    values : (n * width,) float64, in the caller's order of points; out : (hits * width,)
     """
     hits, model, leaf, local, point = found
     memory = new_scratch(world.longest)
@@ -226,14 +240,14 @@ def _blend_attribute(
 
 
 def _picture(shape: tuple[int, ...]) -> tuple[int, int]:
-    """Return height and width of the image that rays of a leading shape are traced as."""
+    """Return height and width of the image as which rays of a leading shape are traced; height 1 if they form none."""
     return (shape[0], shape[1]) if len(shape) == 2 and min(shape) > 1 else (1, int(np.prod(shape)))
 
 
 def closest_hits(
     world: World, shape: tuple[int, ...], origins: Array, directions: Array, limits: Array, pace: Pace = PLAIN
 ) -> dict[str, Array]:
-    """Find the closest hits of n rays, as flat arrays: see `_closest`.
+    """Find the closest hits of n rays with everything in the scene, as a dict of arrays, one row per ray.
 
     Parameters
     ----------
@@ -241,6 +255,14 @@ def closest_hits(
         The leading shape of the rays: two axes are taken as those of an image, whose squares are traced together.
     origins, directions : (n, 3) float64, C-contiguous
     limits : (n, 2) float64, t_min and t_max
+    pace : Pace
+        Threads and progress callback.
+
+    Returns
+    -------
+    dict
+        t (inf for a miss), position, normal, color, point (the caller's row, -1 for none), instance (-1 for a miss),
+        leaf and local (position in model space), for attributes that are blended later.
     """
     n, picture = len(origins), _picture(shape)
     out: dict[str, Array] = {
@@ -262,7 +284,11 @@ def closest_hits(
 def occlusions(
     world: World, shape: tuple[int, ...], origins: Array, directions: Array, limits: Array, pace: Pace = PLAIN
 ) -> NDArray[np.bool_]:
-    """Return whether each of n rays hits anything, (n,) bool; parameters as for `closest_hits`."""
+    """Return whether each of n rays hits anything, (n,) bool.
+
+    shape : leading shape of the rays, an image if it has two axes; origins, directions : (n, 3) float64, C-contiguous
+    limits : (n, 2) float64, t_min and t_max; pace : threads and progress callback
+    """
     out, picture = np.zeros(len(origins), np.uint8), _picture(shape)
     rays = origins.reshape(-1), directions.reshape(-1), limits.reshape(-1)
     run(_occluded, batches(picture), world, *rays, picture, out, **pace._asdict())
@@ -272,7 +298,11 @@ def occlusions(
 def blend_attribute(
     world: World, hits: dict[str, Array], rows: Array, model: int, values: Array, pace: Pace = PLAIN
 ) -> Array:
-    """Blend one attribute, (n,) or (n, k), at the hits `rows` of `closest_hits`, all on one model; return float64."""
+    """Blend one attribute at hits on one model, with the weights of f; return float64, one row per hit.
+
+    hits : from `closest_hits`; rows : of these hits; model : index of the model
+    values : (n,) or (n, k), of all points in the caller's order; pace : threads and progress callback
+    """
     out = np.empty((len(rows), *values.shape[1:]))
     found = (rows, model, hits["leaf"], hits["local"].reshape(-1), hits["point"])
     width = values.size // len(values)

@@ -47,7 +47,7 @@ FAILURES = 4  # after this many rays with too few similar neighbours the others 
 
 @inline
 def leaf_edge(tree: Tree) -> float:
-    """Return the approximate width of a leaf, as if the leaves covered the bounds."""
+    """Return the approximate width of a leaf of a model, as if the leaves covered the bounds."""
     x, y, z = tree.head[3] - tree.head[0], tree.head[4] - tree.head[1], tree.head[5] - tree.head[2]
     numbers = f32(tree.spans.size) + f32(2.0) * tree.head[SCATTER_LEAVES]
     return f32(math.sqrt(f32(4.0) * (x * y + y * z + z * x) / numbers))
@@ -55,9 +55,9 @@ def leaf_edge(tree: Tree) -> float:
 
 @inline
 def coherent(edge: float, rows: Array) -> bool:
-    """Return whether all rays are worth a common traversal: their directions have equal signs and similar components.
+    """Return whether all rays of a tile are worth a common traversal: close origins, similar directions of equal signs.
 
-    edge : width of a leaf
+    edge : width of a leaf; rows : `Scratch.model`
     """
     for c in range(3):
         low, high = range_of(rows, sc.DX + c * sc.TILE, (0, sc.TILE))
@@ -71,7 +71,10 @@ def coherent(edge: float, rows: Array) -> bool:
 
 @inline
 def similar_rays(edge: float, rows: Array, left: Bits) -> Bits:
-    """Return those of the given saved rays (bits) that may be traced together with the first of them."""
+    """Return those of the saved rays `left` (bits) that may be traced together with the first of them.
+
+    edge : width of a leaf; rows : `Scratch.model`, which `save_rays` has copied
+    """
     i, rays = sc.SAVED_ROWS + count_trailing_zeros(left), i64(0)
     far, wide = f32(0.5) * SCATTERED * edge, f32(0.5) * WIDEST
     for v in range(0, sc.TILE, sc.LANES):
@@ -88,14 +91,14 @@ def similar_rays(edge: float, rows: Array, left: Bits) -> Bits:
 
 @inline
 def _copy(rows: Array, source: int, target: int, row: int) -> None:
-    """Copy one row of all rays."""
+    """Copy one row of all rays of the tile within `rows`. source, target : offsets that are added to `row`"""
     for v in range(0, sc.TILE, sc.LANES):
         store(rows, target + row + v, load16(rows, source + row + v))
 
 
 @inline
 def save_rays(scratch: Scratch) -> None:
-    """Save the rows of all rays, without hits."""
+    """Save the rows of all rays of the tile in `scratch`, without hits, before groups of them use these rows."""
     for row in RAY_ROWS:
         _copy(scratch.model, 0, sc.SAVED_ROWS, row)
     _copy(scratch.model, 0, sc.SAVED_ROWS, sc.LENGTH)
@@ -105,7 +108,7 @@ def save_rays(scratch: Scratch) -> None:
 
 @inline
 def _pack_row(rows: Array, row: int, rays: Bits, last: float) -> None:
-    """Pack one row of the given saved rays; fill the rest of the last 16 slots with `last`."""
+    """Pack one row of the given saved rays (bits) into the first slots; fill the rest of the last 16 with `last`."""
     n = i64(0)
     for v in range(0, sc.TILE, sc.LANES):
         word = (rays >> v) & 0xFFFF
@@ -117,7 +120,7 @@ def _pack_row(rows: Array, row: int, rays: Bits, last: float) -> None:
 
 @inline
 def pack_rays(rays: Bits, scratch: Scratch) -> int:
-    """Pack the given saved rays (bits) into the first slots; return the end of these, a multiple of 16.
+    """Pack the given saved rays (bits) into the tile's first slots; return the end of these, a multiple of 16.
 
     Unused slots hold copies of the first ray that have already ended, so that they do not widen the group.
     """
@@ -133,7 +136,12 @@ def pack_rays(rays: Bits, scratch: Scratch) -> int:
 
 @inline
 def save_hits(rays: Bits, lifted: Bits, scratch: Scratch) -> Bits:
-    """Save the hits of the given rays (bits); return the lifted ones, by their indices in the tile."""
+    """Save the hits of a group of rays that were packed into the tile's first slots.
+
+    rays : the group, as bits of the tile; lifted : those to which the start rule applies, as bits of slots
+
+    Returns the latter as bits of the tile.
+    """
     rows, numbers, k, back = scratch.model, scratch.numbers, 0, i64(0)
     while rays != 0:
         i = count_trailing_zeros(rays)
@@ -149,7 +157,7 @@ def save_hits(rays: Bits, lifted: Bits, scratch: Scratch) -> Bits:
 
 @inline
 def restore_rays(scratch: Scratch) -> None:
-    """Restore all rays to their slots, with their hits."""
+    """Restore all saved rays to their slots in the tile, with the hits of their groups."""
     for row in RAY_ROWS:
         _copy(scratch.model, sc.SAVED_ROWS, 0, row)
     for row in FOUND_ROWS:

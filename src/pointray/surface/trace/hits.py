@@ -33,7 +33,10 @@ from .space import matrix_at
 
 @inline
 def tile_hit(scratch: Scratch, i: int) -> WorldHit:
-    """Return the nearest hit of ray i of the tile. Colour and slot on a model require `describe_tile`."""
+    """Return the nearest hit of ray i of the tile; t is inf for a miss.
+
+    On a model, colour and splat are those that `describe_tile` has found before.
+    """
     wide, numbers, zero = scratch.world, scratch.numbers, (0.0, 0.0, 0.0)
     instance = numbers[sc.INSTANCE_OF + i]
     if instance < 0:
@@ -46,7 +49,10 @@ def tile_hit(scratch: Scratch, i: int) -> WorldHit:
 
 @inline
 def next_of_leaf(numbers: Array, left: Bits, i: int) -> int:
-    """Return the first of the remaining rays (bits) if it has hit the same leaf as ray i, else i."""
+    """Return the first of the remaining rays (`left`, bits) if it has hit the same leaf as ray i, else i.
+
+    numbers : `Scratch.numbers`. Such rays of a tile are processed together, up to four.
+    """
     k = count_trailing_zeros(left) if left != 0 else i
     same = (
         numbers[sc.INSTANCE_OF + k] == numbers[sc.INSTANCE_OF + i]
@@ -57,7 +63,10 @@ def next_of_leaf(numbers: Array, left: Bits, i: int) -> int:
 
 @inline
 def list_around(tree: Tree, four: Four, scratch: Scratch) -> FourPoints:
-    """List the blocks near the points where four rays have hit a leaf; return these points, a quarter each."""
+    """List the blocks near four hits in one leaf in `scratch.near`; return the hits, each in a quarter of the lanes.
+
+    four : indices of the rays in the tile
+    """
     wide, numbers = scratch.world, scratch.numbers
     a, b, c, d = (
         load3(wide, sc.LOCAL + four[0]),
@@ -79,9 +88,13 @@ def list_around(tree: Tree, four: Four, scratch: Scratch) -> FourPoints:
 def _weigh(
     tree: Tree, points: FourPoints, sheet: Sheet, tone: Array, scratch: Scratch
 ) -> tuple[F16, F16, F16, F16, F16, F16]:
-    """Return in each lane the greatest weight, its listed block, and the sums of weights and of weighted colours.
+    """Weigh the splats of the blocks listed in `scratch` at four points; lane 4 r + j is splat j of a block at point r.
 
-    Lane 4 r + j is splat j of a block at point r. sheet : see `weights_seen`
+    points : x, y, z, a quarter of the lanes for each; tone : linear value of each sRGB level
+    sheet : whether sheets are close together, and the normal of the hit, turned to the viewer
+
+    Returns in each lane the greatest weight, the index of its block in the list, the sums of weighted red, green and
+    blue, and the sum of the weights.
     """
     part = scratch.part
     most = block_of_most = red = green = blue = total = broadcast16(ZERO)
@@ -104,9 +117,12 @@ def _weigh(
 
 @inline
 def _describe(world: World, four: Four, scratch: Scratch) -> None:
-    """Find colour (blended by the surface's weights; 1 if the points have none) and slot of four hits in one leaf.
+    """Find colour (blended by the weights of f; 1 if the points have none) and splat of four hits in one leaf.
 
-    The slot is that of the splat of greatest weight. If all weights are zero, the nearest splat is taken instead.
+    four : indices of the rays in the tile
+
+    The splat is that of greatest weight; if all are zero, the nearest one. It is stored as its slot, four times the
+    block plus the position in it.
     """
     wide, numbers, part = scratch.world, scratch.numbers, scratch.part
     offset = numbers[sc.INSTANCE_OF + four[0]] * INSTANCE
@@ -144,7 +160,10 @@ def _describe(world: World, four: Four, scratch: Scratch) -> None:
 
 @inline
 def _describe_scattered(world: World, i: int, scratch: Scratch) -> None:
-    """Take colour and slot of ray i's hit on a scattered point from that point."""
+    """Store the colour and the slot of the scattered point that ray i has hit.
+
+    A slot is four times the block plus the position in it.
+    """
     numbers = scratch.numbers
     offset = numbers[sc.INSTANCE_OF + i] * INSTANCE
     tree = tree_at(world.table, i64(world.instances[offset + SHAPE_ROW]))
@@ -165,13 +184,13 @@ def _describe_scattered(world: World, i: int, scratch: Scratch) -> None:
 
 @inline
 def material_at(world: World, instance: int) -> int:
-    """Return the offset of an instance's material in world.materials."""
+    """Return the offset of an instance's material in `World.materials`."""
     return int(world.instances[instance * INSTANCE + MATERIAL]) * MATERIAL_SIZE
 
 
 @inline
 def _shows_colors(world: World, instance: int) -> bool:
-    """Return whether a model instance shows the colours of its points, or of the attribute it is painted by."""
+    """Return whether a model instance shows the colours of its points, or of an attribute that colours it."""
     if world.materials[material_at(world, instance) + OWN_COLOR] == 0.0:
         return False
     offset = instance * INSTANCE
@@ -181,7 +200,7 @@ def _shows_colors(world: World, instance: int) -> bool:
 
 @routine
 def describe_tile(world: World, seen_only: bool, scratch: Scratch) -> None:
-    """Find the colour and the splat of greatest weight where the tile's rays have hit a model, for `tile_hit`.
+    """Find the colour and the splat of greatest weight where the tile's rays have hit a model; `tile_hit` returns them.
 
     seen_only : whether only colours are needed, and only those that materials show
 

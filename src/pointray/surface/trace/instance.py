@@ -28,9 +28,10 @@ Box: TypeAlias = tuple[Bounds, tuple[float, float], bool, bool]  # see `_enter`
 
 @inline
 def _enter(matrix: ToModel, box: Box, i: int, scratch: Scratch) -> None:
-    """Transform ray i into a model's space, starting where it enters the bounds; LENGTH < 0 if it misses them.
+    """Transform ray i of the tile into a model's space, starting where it enters the bounds; LENGTH < 0 if it misses.
 
-    box : the model's bounds; its longest sample step, see `into_model`; whether it consists of discs: a ray starts on
+    matrix : from the world to the model
+    box : the model's bounds; its longest sample step, and 1 / step; whether it consists of discs: a ray starts on
         no disc if it starts on no surface, or comes from outside the bounds, which may be flat; and whether it has
         scattered points: a ray starts on none of them if it comes from outside
     """
@@ -50,7 +51,7 @@ def _enter(matrix: ToModel, box: Box, i: int, scratch: Scratch) -> None:
 
 @inline
 def _narrow(i: int, scratch: Scratch) -> None:
-    """Round ray i in the model's space to float32, without a hit."""
+    """Round ray i of the tile in the model's space to float32, and reset its hit with the model."""
     wide, rows = scratch.world, scratch.model
     ray = make_ray(load3(wide, sc.START + i), load3(wide, sc.HEADING + i), 0.0, 1.0)
     store3(rows, sc.OX + i, (ray.ox, ray.oy, ray.oz))
@@ -62,7 +63,10 @@ def _narrow(i: int, scratch: Scratch) -> None:
 
 @inline
 def _some_enter(matrix: ToModel, box: Box, rays: Bits, scratch: Scratch) -> Bits:
-    """Transform the given rays (bits) into a model's space, one by one; return those that hit its bounds."""
+    """Transform the given rays (bits) into a model's space, one by one; return those that hit its bounds.
+
+    matrix : from the world to the model; box : its bounds, sample step and kinds of splats
+    """
     meeting = i64(0)
     while rays != 0:
         i = count_trailing_zeros(rays)
@@ -77,6 +81,8 @@ def _some_enter(matrix: ToModel, box: Box, rays: Bits, scratch: Scratch) -> Bits
 @inline
 def _all_enter(matrix: ToModel, box: Box, rays: Bits, scratch: Scratch) -> Bits:
     """Transform the tile's rays into a model's space; return those of the given rays (bits) that hit its bounds.
+
+    matrix : from the world to the model; box : its bounds, sample step and kinds of splats
 
     It branches only if some rays of the tile miss: the rays are processed as vectors.
     """
@@ -103,7 +109,11 @@ def _all_enter(matrix: ToModel, box: Box, rays: Bits, scratch: Scratch) -> Bits:
 
 @inline
 def _trace_groups(table: Array, model: int, entered: Bits, any_hit: bool, scratch: Scratch) -> Bits:
-    """Trace groups of similar rays of the tile (bits) through a model; return those that must be traced singly."""
+    """Trace groups of similar rays through a model; return the rays (bits) that must be traced singly.
+
+    table : addresses of all models; model : index in it; entered : rays that hit its bounds, as bits
+    any_hit : whether any hit suffices, as for occlusion
+    """
     rows, edge = scratch.model, leaf_edge(tree_at(table, model))
     whole = coherent(edge, rows)
     if not whole:
@@ -132,7 +142,7 @@ def _trace_groups(table: Array, model: int, entered: Bits, any_hit: bool, scratc
 def through_instance(world: World, offset: int, rays: Bits, any_hit: bool, scratch: Scratch) -> None:
     """Find hits of the given rays of the tile (bits) with an instance, if they are nearer than earlier hits.
 
-    any_hit : whether any hit suffices, as for occlusion
+    offset : of the instance's record in `World.instances`; any_hit : whether any hit suffices, as for occlusion
     """
     model = i64(world.instances[offset + SHAPE_ROW])
     tree = tree_at(world.table, model)
@@ -169,10 +179,11 @@ def through_instance(world: World, offset: int, rays: Bits, any_hit: bool, scrat
 
 @inline
 def _keep_t(row: int, i: int, scratch: Scratch) -> None:
-    """Keep t of ray i's hit if it is nearer than an earlier hit; else FOUND is -1.
+    """Store t of ray i's hit with an instance if it is nearer than an earlier hit; otherwise discard the hit.
+
+    row : index of the instance
 
     Of hits at the same t that of the first instance wins, in any order of traversal, then that of a plane.
-    row : of the instance
     """
     wide, numbers = scratch.world, scratch.numbers
     t, t_before, row_before = (
@@ -188,7 +199,10 @@ def _keep_t(row: int, i: int, scratch: Scratch) -> None:
 
 @inline
 def _keep_normal_and_position(matrix: ToModel, i: int, scratch: Scratch) -> None:
-    """Keep normal and position of a nearer hit. matrix : see `of_size_one`."""
+    """Store normal (in world space) and position (in the model's) of ray i's hit, if it was nearer than earlier ones.
+
+    matrix : from the world to the model, its components scaled to at most 1
+    """
     wide, rows = scratch.world, scratch.model
     n = load3(rows, sc.NX + i)
     n = transform_transposed(matrix, (f64(n[0]), f64(n[1]), f64(n[2])))
@@ -202,7 +216,7 @@ def _keep_normal_and_position(matrix: ToModel, i: int, scratch: Scratch) -> None
 
 @inline
 def _keep_leaf(offset: int, i: int, scratch: Scratch) -> None:
-    """Keep the instance and the leaf of a nearer hit."""
+    """Store the instance and the leaf of ray i's hit, if it was nearer. offset : of the record in `World.instances`"""
     numbers = scratch.numbers
     if numbers[sc.FOUND + i] >= 0:
         numbers[sc.INSTANCE_OF + i], numbers[sc.LEAF_OF + i] = offset // INSTANCE, numbers[sc.FOUND + i]
@@ -210,7 +224,10 @@ def _keep_leaf(offset: int, i: int, scratch: Scratch) -> None:
 
 @inline
 def _keep_nearest(matrix: ToModel, offset: int, scratch: Scratch) -> None:
-    """Keep the hits in a model that are nearer than earlier hits. No branches: the rays are processed as vectors."""
+    """Store the tile's hits in a model that are nearer than earlier hits. No branches: rays are processed as vectors.
+
+    matrix : from the world to the model; offset : of the instance's record in `World.instances`
+    """
     found = False
     for i in range(sc.TILE):
         found |= scratch.numbers[sc.FOUND + i] >= 0

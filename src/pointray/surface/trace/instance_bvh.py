@@ -20,7 +20,10 @@ from .traverse import make_ray
 
 @inline
 def begin_walk(world: World, scratch: Scratch) -> int:
-    """Push the first entries on the stack: the root, or all models if there are few. Return their number."""
+    """Push the first entries on the stack of the traversal of instances; return their number.
+
+    It is the root of the BVH, or all models if there are few.
+    """
     if world.top_children.size > 0:
         rays = _rays_to_top(world, scratch)
         scratch.top_what[0], scratch.top_rays[0], scratch.top_near[0] = 0, rays, ZERO
@@ -35,7 +38,10 @@ def begin_walk(world: World, scratch: Scratch) -> int:
 
 @inline
 def _rays_to_top(world: World, scratch: Scratch) -> Bits:
-    """Transform the tile's rays into the tree's frame, starting at its bounds; return those that enter them."""
+    """Transform the tile's rays into the frame of the BVH over the instances, starting at its bounds.
+
+    Returns those that enter the bounds, as bits.
+    """
     x, y, z = load3_flat(world.top, TOP_CENTER)
     matrix = (1.0, 0.0, 0.0, -x), (0.0, 1.0, 0.0, -y), (0.0, 0.0, 1.0, -z)
     bounds = load3_flat(world.top, TOP_BOUNDS), load3_flat(world.top, TOP_BOUNDS + 3)
@@ -54,7 +60,7 @@ def _rays_to_top(world: World, scratch: Scratch) -> Bits:
 
 @inline
 def shorten(world: World, scratch: Scratch) -> None:
-    """End the rays at their hits, after an instance was traced."""
+    """End the rays at their hits in the BVH over the instances, after an instance was traced."""
     if world.top_children.size > 0:
         wide, rows = scratch.world, scratch.model
         for i in range(sc.TILE):
@@ -63,7 +69,10 @@ def shorten(world: World, scratch: Scratch) -> None:
 
 @inline
 def _enter(world: World, offset: int, rays: Bits, scratch: Scratch) -> tuple[Bits, float]:
-    """Return those of the given rays that enter a box before they end, and the least t at which one does."""
+    """Return those of the given rays (bits) that enter a box before they end, and the least t at which one does.
+
+    offset : of the box in `World.top_boxes`
+    """
     boxes, rows = world.top_boxes, scratch.model
     entering, nearest = i64(0), INF
     for v in range(0, sc.TILE, sc.LANES):
@@ -94,7 +103,12 @@ def _enter(world: World, offset: int, rays: Bits, scratch: Scratch) -> tuple[Bit
 
 @inline
 def open_node(world: World, node: int, rays: Bits, top: int, scratch: Scratch) -> int:
-    """Push the children of a node that any ray enters on the stack, the nearer one last; return the new top."""
+    """Push the children of a node of the BVH over the instances that any ray enters on the stack, the nearer one last.
+
+    rays : those that enter the node, as bits; top : number of entries on the stack
+
+    Returns the new number.
+    """
     offset = node * TOP_NODE
     a, near_a = _enter(world, offset, rays, scratch)
     b, near_b = _enter(world, offset + TOP_NODE // 2, rays, scratch)
@@ -112,7 +126,10 @@ def open_node(world: World, node: int, rays: Bits, top: int, scratch: Scratch) -
 
 @inline
 def still_open(world: World, top: int, scratch: Scratch) -> Bits:
-    """Return the rays of a stack entry that have not ended before its box begins."""
+    """Return those rays (bits) of a stack entry that have no hit before they enter its box.
+
+    top : index of the entry. Its rays are those that enter the box
+    """
     rays, near = scratch.top_rays[top], scratch.top_near[top]
     if world.top_children.size == 0:
         return rays

@@ -22,7 +22,10 @@ Four: TypeAlias = tuple[int, int, int, int]  # rays of the tile
 
 @inline
 def _map_color(world: World, paint: int, map_position: float) -> Vec3:
-    """Return the map's colour at a position in it; for NaN the colour that follows the map."""
+    """Return the colour of a colour map at a position from 0 to its number of colours; for NaN the one after the map.
+
+    paint : offset of the record in `World.paints`
+    """
     count, first = int(world.paints[paint + rec.PAINT_COUNT]), int(world.paints[paint + rec.PAINT_COLORS])
     k = count
     if map_position == map_position:
@@ -34,7 +37,13 @@ def _map_color(world: World, paint: int, map_position: float) -> Vec3:
 def _blend(
     world: World, paint: int, tree: Tree, points: FourPoints, sheet: Sheet, scratch: Scratch
 ) -> tuple[F16, F16, F16]:
-    """Sum in each lane over the listed blocks: weights, weights of splats with a value, weighted map positions."""
+    """Sum an attribute's values over the splats of the blocks listed in `scratch`, weighted as in f, at four points.
+
+    paint : offset of the record in `World.paints`; points : x, y, z, a quarter of the lanes for each
+    sheet : whether sheets are close together, and the normal of the hit, turned to the viewer
+
+    Returns in each lane sums of weights, of weights of splats with a value, and of weighted colour map positions.
+    """
     part, first = scratch.part, int(world.paints[paint + rec.PAINT_POSITIONS])
     total = known = map_position = broadcast16(ZERO)
     for k in range(scratch.counts[sc.COUNT_NEAR]):
@@ -52,9 +61,9 @@ def _blend(
 
 @inline
 def _blended(sums: tuple[F16, F16, F16], r: int, own: float, scratch: Scratch) -> float:
-    """Return the map position at point r of four from the sums; NaN if splats without a value have most of the weight.
+    """Return the position in the colour map at point r of four; NaN if splats without a value have most of the weight.
 
-    own : map position of the splat that is used if all weights are zero
+    sums : from `_blend`; own : position for the splat that was hit, which is used if all weights are zero
     """
     part = scratch.part
     for k in range(3):
@@ -69,9 +78,11 @@ def _blended(sums: tuple[F16, F16, F16], r: int, own: float, scratch: Scratch) -
 
 @inline
 def paint_four(world: World, four: Four, points: FourPoints, sheet: Sheet, scratch: Scratch) -> None:
-    """Find the colours of four hits on one painted instance, whose slots are known and whose blocks are listed.
+    """Set the colours of four hits on one instance that is coloured by an attribute.
 
-    points, sheet : see `surface.weights_seen`
+    four : indices of the rays in the tile, whose splats are known and whose blocks are listed in `scratch`
+    points : x, y, z of the hits, a quarter of the lanes for each
+    sheet : whether sheets are close together, and the normal of the hit, turned to the viewer
     """
     offset = scratch.numbers[sc.INSTANCE_OF + four[0]] * rec.INSTANCE
     tree = tree_at(world.table, i64(world.instances[offset + rec.SHAPE_ROW]))
@@ -89,13 +100,19 @@ def paint_four(world: World, four: Four, points: FourPoints, sheet: Sheet, scrat
 
 @inline
 def _own_position(world: World, paint: int, i: int, scratch: Scratch) -> float:
-    """Return the map position of the splat that ray i has hit."""
+    """Return the position in the colour map of the value of the splat that ray i has hit.
+
+    paint : offset of the record in `World.paints`
+    """
     return f64(world.map_positions[int(world.paints[paint + rec.PAINT_POSITIONS]) + scratch.numbers[sc.SLOT_OF + i]])
 
 
 @inline
 def _paint(world: World, paint: int, i: int, map_position: float, scratch: Scratch) -> None:
-    """Set the colour of ray i's hit from a map position, or from its coordinate."""
+    """Set the colour of ray i's hit from a position in the colour map; paint by coordinate finds this from the hit.
+
+    paint : offset of the record in `World.paints`
+    """
     wide = scratch.world
     if world.paints[paint + rec.PAINT_KIND] == rec.BY_COORDINATE:
         x = add(load3(wide, sc.ORIGIN + i), scale(load3(wide, sc.DIRECTION + i), wide[sc.NEAREST + i]))
@@ -105,7 +122,10 @@ def _paint(world: World, paint: int, i: int, map_position: float, scratch: Scrat
 
 @inline
 def paint_one(world: World, i: int, scratch: Scratch) -> None:
-    """Set the colour of ray i's hit on a painted instance, whose slot is known, from the value of that splat alone."""
+    """Set the colour of ray i's hit on an instance that is coloured by an attribute, from one splat's value.
+
+    That is the splat of the hit, which is known. If the instance is coloured by coordinate, that of the hit is used.
+    """
     paint = int(world.instances[scratch.numbers[sc.INSTANCE_OF + i] * rec.INSTANCE + rec.PAINT]) * rec.PAINT_SIZE
     own = np.nan
     if world.paints[paint + rec.PAINT_KIND] != rec.BY_COORDINATE:

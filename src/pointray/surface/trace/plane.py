@@ -19,9 +19,12 @@ ON_PLANE = 1e-12  # share of the coordinates within which a ray starts on a plan
 
 @inline
 def _plane_hit(world: World, plane: int, ray: WorldRay, start_rule: tuple[float, float]) -> float:
-    """Return t of a ray with a plane.
+    """Return t of a ray's hit with a plane, inf for a miss.
 
-    start_rule : side of the plane for a ray that starts on it; and nonzero if the ray was only cut there
+    plane : offset of its record in `World.planes`; ray : origin, direction, t_min, t_max
+    start_rule : side, +1 or -1, of a surface that the ray starts on; and nonzero if a clip plane has cut the ray
+
+    A ray that starts on the plane hits it only if it goes to the other side, or if it was cut there.
     """
     o, d, t_min, t_max = ray
     side, cut = start_rule
@@ -38,7 +41,10 @@ def _plane_hit(world: World, plane: int, ray: WorldRay, start_rule: tuple[float,
 
 @inline
 def plane_color(world: World, plane: int, x: Vec3) -> Vec3:
-    """Return a plane's colour at a point: plain, or a checker in which every other square has half the colour."""
+    """Return a plane's colour at a point x, linear RGB: plain, or a checker with every other square half as bright.
+
+    plane : offset of its record in `World.planes`
+    """
     color = load3_flat(world.planes, plane + rec.PLANE_COLOR)
     edge = world.planes[plane + rec.PLANE_CHECKER]
     if edge > 0.0:
@@ -52,7 +58,10 @@ def plane_color(world: World, plane: int, x: Vec3) -> Vec3:
 
 @inline
 def tile_on_plane(world: World, plane: int, scratch: Scratch) -> None:
-    """Find nearest hits of the tile's rays with a plane."""
+    """Find hits of the tile's rays with a plane that are nearer than earlier hits.
+
+    plane : offset of its record in `World.planes`
+    """
     wide, numbers = scratch.world, scratch.numbers
     for i in range(sc.TILE):
         o, d = load3(wide, sc.ORIGIN + i), load3(wide, sc.DIRECTION + i)

@@ -23,7 +23,7 @@ ToModel: TypeAlias = tuple[Any, Any, Any]  # three rows of four; `vec.transform`
 
 @inline
 def model_bounds(head: Array) -> Bounds:
-    """Return a model's bounds (lo x y z, hi x y z) in float64, padded against rounding."""
+    """Return the low and the high corner of a model's bounds in float64, padded against rounding. head : `Tree.head`"""
     lows, highs = load3_flat(head, BOUNDS), load3_flat(head, BOUNDS + 3)
     lows = f64(lows[0]), f64(lows[1]), f64(lows[2])
     highs = f64(highs[0]), f64(highs[1]), f64(highs[2])
@@ -34,7 +34,10 @@ def model_bounds(head: Array) -> Bounds:
 
 @inline
 def _clip(span: tuple[float, float], edges: tuple[float, float], o: float, d: float) -> tuple[float, float]:
-    """Clip a ray's span to two planes across an axis; o and d are the ray's components along that axis."""
+    """Clip a ray's span of t to the space between two planes across an axis; it is empty if the first is greater.
+
+    edges : the planes' coordinates; o, d : components of the ray's origin and direction along that axis
+    """
     inverse = 1.0 / (d if abs(d) > 1e-300 else 1e-300)
     a, b = (edges[0] - o) * inverse, (edges[1] - o) * inverse
     near, far = (a if a < b else b), (b if a < b else a)
@@ -43,7 +46,10 @@ def _clip(span: tuple[float, float], edges: tuple[float, float], o: float, d: fl
 
 @inline
 def matrix_at(world: World, offset: int) -> ToModel:
-    """Return an instance's transform from the world to its model: three rows of four."""
+    """Return an instance's transform from the world to its model: three rows of four.
+
+    offset : of the instance's record in `World.instances`
+    """
     m, k = world.instances, offset + TO_MODEL
     return (
         (m[k], m[k + 1], m[k + 2], m[k + 3]),
@@ -54,7 +60,7 @@ def matrix_at(world: World, offset: int) -> ToModel:
 
 @inline
 def of_size_one(matrix: ToModel) -> ToModel:
-    """Divide a transform by its greatest component, so that squares of transformed vectors are finite."""
+    """Scale the linear part of a transform to components of at most 1, so that transformed vectors do not overflow."""
     most = 0.0
     for r in range(3):
         for c in range(3):
@@ -74,10 +80,12 @@ def into_model(
 ) -> tuple[Vec3, Vec3, float, float, float, float]:
     """Transform a world ray (o, d, t_min, t_max) into model space, starting where it enters the bounds.
 
+    matrix : from the world to the model; bounds : low and high corner of the model
+    step : the model's longest sample step (0: unknown), and 1 / step
+
     Return (start, unit direction, low, high, speed, begin): low and high along the unit direction, low > high for a
     ray that misses the bounds; speed is the length of the original direction in model space; begin is the ray's start
     relative to low. No branches: the rays of a tile are processed as vectors.
-    step : the model's longest step (0: unknown), and 1 / step
     """
     d = transform(matrix, ray[1])
     speed = length(d)

@@ -41,7 +41,10 @@ ALL = -1  # all rays, as bits of an int64
 
 @inline
 def bits_of_row(rows: Array, row: int) -> Bits:
-    """Return the rays of a tile whose number in a row is not negative, as bits."""
+    """Return the rays of a tile whose number in a row is not negative, as bits.
+
+    rows : `Scratch.model`; row : offset of the row in it
+    """
     word = i64(0)
     for k in range(0, sc.TILE, sc.LANES):
         word |= bits(load16(rows, row + k) >= ZERO) << k
@@ -50,7 +53,10 @@ def bits_of_row(rows: Array, row: int) -> Bits:
 
 @inline
 def range_of(rows: Array, row: int, span: tuple[int, int]) -> tuple[float, float]:
-    """Return the least and greatest number of a span of rays, (first, end), in a row."""
+    """Return the least and greatest number of some of a tile's rays in a row.
+
+    rows : `Scratch.model`; row : offset of the row in it; span : first ray, and the end, multiples of 16
+    """
     low = high = load16(rows, row + span[0])
     for k in range(span[0] + sc.LANES, span[1], sc.LANES):
         numbers = load16(rows, row + k)
@@ -60,7 +66,13 @@ def range_of(rows: Array, row: int, span: tuple[int, int]) -> tuple[float, float
 
 @inline
 def bounds_of_planes(rows: Array, row: int, inverse: int, span: tuple[int, int]) -> tuple[float, float, float, float]:
-    """Return (origin for near planes, origin for far planes, least inverse, greatest inverse) of one axis."""
+    """Return bounds of rays along one axis, for tests of all of them against a box at once.
+
+    rows : `Scratch.model`; row, inverse : rows of the origins' and of the inverse directions' components
+    span : first ray, and the end
+
+    Returns the origins that enter boxes first and leave them last, and the least and greatest inverse direction.
+    """
     low, high = range_of(rows, row, span)
     slow, fast = range_of(rows, inverse, span)
     return (high, low, slow, fast) if slow > ZERO else (low, high, slow, fast)
@@ -68,7 +80,7 @@ def bounds_of_planes(rows: Array, row: int, inverse: int, span: tuple[int, int])
 
 @inline
 def tile_ray(rows: Array, i: int) -> Ray:
-    """Return ray i of the tile."""
+    """Return ray i of the tile in the current model's space. rows : `Scratch.model`"""
     return Ray(
         rows[sc.OX + i],
         rows[sc.OY + i],
@@ -87,9 +99,10 @@ def tile_ray(rows: Array, i: int) -> Ray:
 
 @inline
 def _leaf_intervals(tree: Tree, leaf: int, box: int, planes: tuple[Planes, Planes, float], rows: Array, v: int) -> Bits:
-    """Store the intervals of 16 rays, from v on, in the leaf's voxel and slab; return the rays that pass all tests.
+    """Store where 16 rays of the tile, from v on, are in a leaf's voxel and slab; return the rays that pass all tests.
 
-    planes : rows of the near and the far planes of boxes, and the start of the traversal
+    box : offset of the leaf's tight box in `Tree.boxes`; rows : `Scratch.model`, in which ENTER to LAST are set
+    planes : rows of the near and the far planes of boxes, and t where the traversal starts
     """
     near, far, begin = planes
     ox, oy, oz = load16(rows, sc.OX + v), load16(rows, sc.OY + v), load16(rows, sc.OZ + v)
@@ -127,7 +140,7 @@ def _leaf_intervals(tree: Tree, leaf: int, box: int, planes: tuple[Planes, Plane
 
 @inline
 def _search(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
-    """Search a leaf for the passing rays; return those that the start rule lifted."""
+    """Search a leaf for the passing rays of the tile (bits); return those to which the start rule applies."""
     if together(tree):
         return search_together(tree, leaf, passing, scratch)
     rows = scratch.model
@@ -148,7 +161,7 @@ def _search(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
 
 @inline
 def _prefetch_search(tree: Tree, child: int) -> None:
-    """Prefetch the data that a search of the next leaf reads first."""
+    """Prefetch the data that a search of the next leaf reads first. child : entry of `Tree.children`, perhaps a leaf"""
     if child < 0 and i64(~child) < tr.SCATTERED:
         first, count = tree.spans[2 * ~child], tree.spans[2 * ~child + 1]
         for group in range(first, first + count):
@@ -162,7 +175,11 @@ def _prefetch_search(tree: Tree, child: int) -> None:
 def _search_scattered(
     tree: Tree, block: int, box: int, planes: tuple[Planes, Planes, float], span: tuple[int, int], scratch: Scratch
 ) -> bool:
-    """Search a leaf of scattered points for the rays that pass through its box; return whether any hits."""
+    """Search a leaf of scattered points for the rays that pass through its box; return whether any hits.
+
+    block : first of the leaf's two; box : offset of its box in `Tree.boxes`; span : first ray of the tile, and the end
+    planes : rows of the near and the far planes of boxes, and t where the traversal starts
+    """
     near, far, begin = planes
     rows, boxes, found = scratch.model, tree.boxes, i64(0)
     for v in range(span[0], span[1], sc.LANES):
@@ -184,7 +201,9 @@ def _search_scattered(
 
 @inline
 def _shorten(tree: Tree, span: tuple[int, int], any_hit: bool, scratch: Scratch) -> float:
-    """End the rays at their hits, in a tree with scattered points; return the farthest end.
+    """End the rays at their hits, in a tree with scattered points; return the greatest t at which one of them ends.
+
+    span : first ray of the tile, and the end; any_hit : whether a ray with a hit certainly before its end is finished
 
     Scattered points are searched up to the nearest hit, and the surface one step beyond the nearest of them: a shorter
     ray hits what the whole one does.
@@ -208,9 +227,11 @@ def _shorten(tree: Tree, span: tuple[int, int], any_hit: bool, scratch: Scratch)
 
 @inline
 def _end_where_hit(tree: Tree, span: tuple[int, int], scratch: Scratch) -> None:
-    """End the rays at their hits, unless a hit is so close to the ray's end that it is uncertain.
+    """End the rays that have a hit, for occlusion, unless it is so close to the ray's end that it is uncertain.
 
-    The voxel before may find the same root up to a step farther, see `scratch.LENGTH`; a step more is in END.
+    span : first ray of the tile, and the end
+
+    The voxel before may find the same root up to a step farther; the end includes another step.
     """
     rows, steps = scratch.model, tree.head[tr.LONGEST] + tree.head[tr.LONGEST]
     for k in range(span[0], span[1]):
@@ -220,17 +241,24 @@ def _end_where_hit(tree: Tree, span: tuple[int, int], scratch: Scratch) -> None:
 
 @inline
 def _walk_begin(tree: Tree, rows: Array, span: tuple[int, int]) -> float:
-    """Return where the traversal begins: at the first ray of a span. Values may be signed, see `scratch.BEGIN`."""
+    """Return t where the traversal begins: a sample step before the first of the rays begins.
+
+    rows : `Scratch.model`, in which t where a ray begins is negative if it starts on no surface
+    span : first ray, and the end
+    """
     low, high = range_of(rows, sc.BEGIN, span)
     return walk_begin(tree, low if low >= ZERO else min(high, ZERO))
 
 
 @inline
 def closest_of_tile(table: Array, model: int, span: tuple[int, int], any_hit: bool, scratch: Scratch) -> Bits:
-    """Find the first hits of a span of the tile's rays, (first, end), with a model: HIT_T, NX.. and FOUND.
+    """Find the first hits of rays of the tile with a model, together; they are stored in `scratch` (HIT_T, NX, FOUND).
 
-    Return the rays (as bits) that the start rule lifted: the effect of the rule depends on the order of the leaves, so
-    the caller traces these singly.
+    table : addresses of all models; model : index in it; span : first ray, and the end
+    any_hit : whether any hit that is certainly before a ray's end suffices
+
+    Returns the rays (as bits) to which the start rule applies: its effect depends on the order of the leaves, so the
+    caller traces these singly.
     """
     tree = tree_at(table, model)
     rows = scratch.model

@@ -30,20 +30,29 @@ def avoid_zero(d: float) -> float:
 
 @inline
 def make_ray(o: Vec3, d: Vec3, length: float, side: float) -> Ray:
-    """Make a ray in model space of the given length, from float64 origin and unit direction."""
+    """Make a ray in model space that begins at t = 0, from float64 origin o and unit direction d.
+
+    length : its end; side : +1 or -1, the side of a surface on which it starts, outside or inside
+    """
     x, y, z = avoid_zero(f32(d[0])), avoid_zero(f32(d[1])), avoid_zero(f32(d[2]))
     return Ray(f32(o[0]), f32(o[1]), f32(o[2]), x, y, z, ONE / x, ONE / y, ONE / z, ZERO, f32(length), f32(side))
 
 
 @inline
 def near_planes(ix: float, iy: float, iz: float) -> Planes:
-    """Return the rows of the planes that a ray of these signs enters first, for which an empty box has no interval."""
+    """Return which three of a box's six planes a ray enters first, as rows of its lo x y z, hi x y z.
+
+    ix, iy, iz : inverse direction of the ray. For an empty box (lo = inf, hi = -inf) no interval remains behind them.
+    """
     return (0 if ix > ZERO else 3), (1 if iy > ZERO else 4), (2 if iz > ZERO else 5)
 
 
 @inline
 def far_planes(near: Planes) -> Planes:
-    """Return the rows of the planes through which such a ray leaves."""
+    """Return which three of a box's six planes a ray leaves through, as rows of its lo x y z, hi x y z.
+
+    near : rows of the planes that it enters first
+    """
     return 3 - near[0], 5 - near[1], 7 - near[2]
 
 
@@ -51,7 +60,10 @@ def far_planes(near: Planes) -> Planes:
 def _voxel_interval(
     tree: Tree, leaf: int, ray: Ray, rows: tuple[Planes, Planes], limits: tuple[float, float]
 ) -> tuple[float, float]:
-    """Return where the ray enters and leaves the leaf's voxel, within the limits: begin and end of the search."""
+    """Return t where the ray enters and leaves a leaf's voxel; it misses if the first is greater.
+
+    rows : rows of the near and the far planes of boxes; limits : begin and end of the search
+    """
     near, far = rows
     begin, end = limits
     offset, leaves = leaf * tr.LEAF + tr.CELL, tree.leaves
@@ -68,7 +80,7 @@ def _voxel_interval(
 
 @inline
 def _slab_interval(tree: Tree, leaf: int, ray: Ray, interval: tuple[float, float]) -> tuple[float, float]:
-    """Return the part of an interval inside the leaf's slab; empty if enter > leave."""
+    """Return the part of an interval of t in which a ray is inside the leaf's slab; empty if the first is greater."""
     offset = leaf * tr.LEAF
     mx, my, mz = tree.leaves[offset + tr.SLAB], tree.leaves[offset + tr.SLAB + 1], tree.leaves[offset + tr.SLAB + 2]
     height = mx * ray.ox + my * ray.oy + mz * ray.oz
@@ -104,21 +116,29 @@ def prefetch_columns(tree: Tree, leaf: int) -> None:
 
 @inline
 def walk_begin(tree: Tree, begin: float) -> float:
-    """Return where a ray's traversal begins: a step before the ray, see `surface/intersect/march.py`."""
+    """Return where a ray's traversal begins: one longest sample step before the ray, as samples there can matter.
+
+    begin : t where the ray begins, with any sign
+    """
     return max(abs(begin) - tree.head[tr.LONGEST], ZERO)
 
 
 @inline
 def is_sure(tree: Tree, t: float, end: float) -> bool:
-    """Return whether a hit is certainly before a ray's end, which is followed a step farther, see `scratch.END`."""
+    """Return whether a hit at t is certainly before a ray's end, so that any hit suffices for occlusion.
+
+    end : t where the traversal of the ray ends, one sample step farther than the ray
+    """
     return t < (ONE - ROUNDING) * end - (tree.head[tr.LONGEST] + tree.head[tr.LONGEST])
 
 
 @inline
 def closest(table: Array, model: int, ray: Ray, any_hit: bool, scratch: Scratch) -> Hit:
-    """Find the first hit of a ray with a model, and count nodes and leaves.
+    """Find the first hit of a ray with a model, and count visited nodes and leaves in `scratch`.
 
+    table : addresses of all models; model : index in it
     any_hit : whether any hit that is certainly before the ray's end suffices
+
     Leaves of the surface follow one another along the ray, so the first hit in one of them ends the search; those of
     scattered points overlap each other and the surface.
     """
@@ -197,7 +217,10 @@ def closest(table: Array, model: int, ray: Ray, any_hit: bool, scratch: Scratch)
 
 @inline
 def insert(stack: Array, stack_near: Array, bottom: int, top: int, what: int, near: float) -> int:
-    """Insert a child into the stack, above bottom, so that the nearest child is popped first; return the new top."""
+    """Insert a child into the stack, above `bottom`, so that the nearest child is popped first; return the new top.
+
+    what : number of the child; near : t where the ray enters it; stack_near : t of each entry
+    """
     j = top
     while j > bottom and stack_near[j - 1] < near:
         stack[j], stack_near[j] = stack[j - 1], stack_near[j - 1]

@@ -30,13 +30,19 @@ def is_ray(o: Vec3, d: Vec3, t_min: float, t_max: float) -> bool:
 
 @inline
 def set_ray(scratch: Scratch, i: int, ray: WorldRay) -> None:
-    """Set ray i of the tile to (o, d, t_min, t_max), starting outside of surfaces, like a ray of a camera or caller."""
+    """Set ray i of the tile, like that of a camera or a caller: outside of the surface that it may start on.
+
+    ray : origin, direction, t_min, t_max
+    """
     set_ray_from(scratch, i, ray, sc.ANYWHERE)
 
 
 @inline
 def set_ray_from(scratch: Scratch, i: int, ray: WorldRay, side: float) -> None:
-    """Set ray i of the tile to (o, d, t_min, t_max), on one side of the surface that it may start on: +1 or -1."""
+    """Set ray i of the tile, which may start on a surface. ray : origin, direction, t_min, t_max
+
+    side : +1 if it starts outside of that surface (where normals point), -1 if inside
+    """
     wide = scratch.world
     wide[sc.SIDE_OF + i] = side
     store3(wide, sc.ORIGIN + i, ray[0])
@@ -46,7 +52,7 @@ def set_ray_from(scratch: Scratch, i: int, ray: WorldRay, side: float) -> None:
 
 @inline
 def _settle(scratch: Scratch) -> None:
-    """Reset all hits; make degenerate rays miss everything. No branches: the rays are processed as vectors."""
+    """Reset all hits of the tile; make degenerate rays miss everything. No branches: rays are processed as vectors."""
     wide = scratch.world
     for i in range(sc.TILE):
         o, d, t_min, t_max = (
@@ -65,7 +71,10 @@ def _settle(scratch: Scratch) -> None:
 
 @inline
 def _cut_by(world: World, clip: int, scratch: Scratch) -> None:
-    """Cut the tile's rays by one clip plane. No branches: the rays are processed as vectors."""
+    """Cut the tile's rays by one clip plane. No branches: the rays are processed as vectors.
+
+    clip : offset of the plane in `World.clips`
+    """
     wide = scratch.world
     normal, offset = load3_flat(world.clips, clip), world.clips[clip + CLIP_OFFSET]
     for i in range(sc.TILE):
@@ -84,7 +93,7 @@ def _cut_by(world: World, clip: int, scratch: Scratch) -> None:
 
 @inline
 def _cut(world: World, scratch: Scratch) -> None:
-    """Cut the tile's rays by the scene's clip planes; a ray without a remaining part misses everything."""
+    """Cut the tile's rays by all clip planes of the scene; a ray without a remaining part misses everything."""
     wide = scratch.world
     for i in range(sc.TILE):
         scratch.model[sc.CUT + i] = ZERO
@@ -100,7 +109,7 @@ def _cut(world: World, scratch: Scratch) -> None:
 
 @inline
 def _end_where_hit(scratch: Scratch) -> None:
-    """End the rays at their hits."""
+    """End the tile's rays that have a hit, so that the search for occlusion ignores them from now on."""
     for i in range(sc.TILE):
         wide = scratch.world
         wide[sc.NEAREST + i] = -1.0 if scratch.numbers[sc.INSTANCE_OF + i] >= 0 else wide[sc.NEAREST + i]
@@ -108,7 +117,7 @@ def _end_where_hit(scratch: Scratch) -> None:
 
 @routine
 def find_hits(world: World, any_hit: bool, scratch: Scratch) -> None:
-    """Find the nearest hits of the tile's rays with everything in the scene; for occlusion any hits."""
+    """Find the nearest hits of the tile's rays with everything in the scene; for occlusion (`any_hit`) any hits."""
     # Borrow again: a routine does not know that its caller already did.
     scratch, world = borrow(scratch), borrow(world)
     _settle(scratch)
@@ -135,25 +144,25 @@ def find_hits(world: World, any_hit: bool, scratch: Scratch) -> None:
 
 @inline
 def trace_tile(world: World, scratch: Scratch) -> None:
-    """Find the nearest hits of the tile's rays with everything in the scene, for `hits.tile_hit`."""
+    """Find the nearest hits of the tile's rays with everything in the scene; `hits.tile_hit` returns them."""
     find_hits(world, False, scratch)
 
 
 @inline
 def occlude_tile(world: World, scratch: Scratch) -> None:
-    """Find out which of the tile's rays hit anything, for `is_blocked`. Their hits are undefined afterwards."""
+    """Find out which of the tile's rays hit anything; `is_blocked` returns it. Their hits are undefined afterwards."""
     find_hits(world, True, scratch)
 
 
 @inline
 def is_blocked(scratch: Scratch, i: int) -> bool:
-    """Return whether ray i of the tile has hit anything."""
+    """Return whether ray i of the tile has hit anything, after `trace_tile` or `occlude_tile`."""
     return scratch.numbers[sc.INSTANCE_OF + i] >= 0
 
 
 @inline
 def meets_nothing(scratch: Scratch) -> bool:
-    """Return whether all of the tile's rays miss."""
+    """Return whether all of the tile's rays miss, after `trace_tile` or `occlude_tile`."""
     greatest = i64(-1)
     for i in range(sc.TILE):
         greatest = max(greatest, scratch.numbers[sc.INSTANCE_OF + i])

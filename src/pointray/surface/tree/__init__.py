@@ -1,6 +1,7 @@
 """Acceleration structure: a kd-tree that maps space to the splats and the surface in it (parts III and IV).
 
 build : all steps in one file; takes `Splats`, returns `engine.kernels.tree.Tree`
+settings : kind of surface, sampling and limits of a tree
 blocks : four splats, neighbours in kd order, in each block
 top, subtrees, cells : cuts of space into roots, and of these into voxels with the blocks over them
 near : search for splats near a box

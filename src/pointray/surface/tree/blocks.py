@@ -18,7 +18,11 @@ CHUNK = 4096  # blocks per tile
 def _fill_blocks(
     work: Array, order: Array, positions: Array, normals: Array, radii: Array, out: tuple[Array, Array]
 ) -> int:
-    """Copy splats into blocks and bound each block. out : blocks; bounds (blocks * 4: centre, radius)"""
+    """Copy splats into blocks of four and bound each block by a sphere.
+
+    order : rows of the splats, in the order of the blocks
+    out : blocks, 28 numbers each; bounding spheres, 4 numbers each: centre, radius
+    """
     blocks, bounds = out
     tile = next_tile(work)
     while tile >= 0:
@@ -57,12 +61,20 @@ def make_blocks(
     order: NDArray[np.int32],
     threads: int | None = None,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Pack splats into blocks in the given order, and bound each block by a sphere.
+    """Pack splats into blocks of four in the given order, and bound each block by a sphere.
+
+    Parameters
+    ----------
+    positions, normals : (n, 3) float32
+    radii : (n,) float32
+        Support radii.
+    order : (n,) int32
+        Rows of the splats, neighbours together.
 
     Returns
     -------
     blocks : (b * 28,) float32
-        See `engine.kernels.tree.BLOCK`.
+        For each block 7 rows of 4: x, y and z of position and normal, 1 / radius^2. Empty slots hold a splat far away.
     bounds : (b * 4,) float32
         Centre and radius of spheres that enclose the supports of the blocks' splats.
     """

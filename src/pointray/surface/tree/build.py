@@ -23,7 +23,7 @@ from .wide import collapse, enclose
 
 
 class Splats(NamedTuple):
-    """Points with support radii.
+    """Splats from which a tree is built: points with normals and support radii.
 
     positions : (n, 3) float32, relative to the points' origin
     normals : (n, 3) float32, unit
@@ -48,9 +48,9 @@ class Splats(NamedTuple):
 class WholeModel(NamedTuple):
     """Parameters of the whole model for the tree of a part, so that rays get the same hits as in the whole tree.
 
-    top : the part's roots, with groups of the part's splats
+    top : the nodes above the part's voxels, cut as in the whole tree, with the numbers of the part's groups of splats
     bounds : (6,) float32, of all supports, lo x y z, hi x y z; the lattice of samples starts where a ray enters them
-    reference : radius from which steps differ by powers of two
+    reference : a support radius; sample distances of all leaves differ from that for this radius by powers of two
     """
 
     top: Top
@@ -76,6 +76,7 @@ def build_tree(
     ----------
     splats : Splats
     settings : TreeSettings
+        Kind of surface, sampling along rays, limits of hits, width of voxels.
     threads : int, optional
     progress : callable, optional
         Called with the fraction completed, 0 to 1.
@@ -160,19 +161,29 @@ def bounds_of(splats: Splats) -> NDArray[np.float32]:
 
 
 def reference_of(radii: NDArray[np.float32]) -> float:
-    """Return the radius from which steps in leaves differ by powers of two: the 2% quantile, see `quantize`."""
+    """Return the support radius that sets the sample distance from which those of all leaves differ by powers of two.
+
+    It is the 2% quantile of the radii, rounded down to few bits.
+    """
     return quantize(float(np.partition(radii, len(radii) // 50)[len(radii) // 50]), is_limit=True)
 
 
 def _facing(order: NDArray[np.int32], splats: Splats, slots: int) -> NDArray[np.int8]:
-    """Return the normals of slots with splats on close sheets, in 127ths; empty if no splat is."""
+    """Return the normals of splats with another sheet close by, in 127ths, zero for the others: (3 * slots,) or empty.
+
+    order : row of the splat in each slot
+    slots : number of slots, four per block. Empty if no sheets are close together
+    """
     if splats.sheets is None or not splats.sheets.any():
         return np.zeros(0, np.int8)
     return _directions(order, splats.sheets != 0, splats.normals, slots)
 
 
 def _borders(order: NDArray[np.int32], borders: NDArray[np.float32] | None, slots: int) -> NDArray[np.int8]:
-    """Return the outward direction of the border at each slot, in 127ths; empty if no splat is on a border."""
+    """Return the outward direction of splats on an open border, in 127ths, zero for the others: (3 * slots,) or empty.
+
+    order : row of the splat in each slot; slots : number of slots, four per block. Empty if no splat is on a border.
+    """
     if borders is None or not borders.any():
         return np.zeros(0, np.int8)
     x, y, z = borders.T
@@ -182,7 +193,11 @@ def _borders(order: NDArray[np.int32], borders: NDArray[np.float32] | None, slot
 def _directions(
     order: NDArray[np.int32], chosen: NDArray[np.bool_], directions: NDArray[np.float32], slots: int
 ) -> NDArray[np.int8]:
-    """Return the directions of slots with chosen splats, in 127ths, and zero for the others, which are most of them."""
+    """Return the directions of chosen splats, in 127ths, and zero for the others, (3 * slots,).
+
+    order : row of the splat in each slot; chosen : (n,) mask; directions : (n, 3), unit
+    slots : number of slots, four per block
+    """
     out = np.zeros((slots, 3), np.int8)
     at = np.flatnonzero(chosen[order])
     out[at] = np.rint(127 * directions[order[at]])
@@ -190,14 +205,20 @@ def _directions(
 
 
 def rows_of_slots(order: NDArray[np.int32], rows: NDArray[np.int32], slots: int) -> NDArray[np.int32]:
-    """Return the caller's row of each slot, -1 for empty slots."""
+    """Return the caller's row of each slot, (slots,), -1 for empty slots at the end. A block has four slots.
+
+    order : row in `rows` of the splat in each slot; rows : (n,) the caller's row of each splat
+    """
     out = np.full(slots, -1, np.int32)
     out[: len(order)] = rows[order]
     return out
 
 
 def packed_colors(order: NDArray[np.int32], colors: NDArray[np.uint8] | None, slots: int) -> NDArray[np.int32]:
-    """Return the packed colour of each slot; empty if the points have no colours."""
+    """Return the colour of each slot, (slots,) int32: r + 256 g + 65536 b; empty if the points have no colours.
+
+    order : row of the splat in each slot; colors : (n, 3) sRGB; slots : number of slots, four per block
+    """
     if colors is None:
         return np.zeros(0, np.int32)
     out = np.zeros((slots, 4), np.uint8)
@@ -206,12 +227,15 @@ def packed_colors(order: NDArray[np.int32], colors: NDArray[np.uint8] | None, sl
 
 
 def unpacked_colors(colors: NDArray[np.int32]) -> NDArray[np.uint8]:
-    """Unpack colours (n,) to (n, 3)."""
+    """Unpack colours r + 256 g + 65536 b, (n,), to (n, 3) uint8."""
     return np.ascontiguousarray(colors.astype("<i4").view(np.uint8).reshape(-1, 4)[:, :3])
 
 
 def _noise(order: NDArray[np.int32], noise: NDArray[np.float32] | None, slots: int) -> NDArray[np.float32]:
-    """Return the largest noise in each block; empty if nothing was smoothed."""
+    """Return the largest noise of the splats in each block of four, (slots / 4,); empty if nothing was smoothed.
+
+    order : row of the splat in each slot; noise : (n,), standard deviation; slots : number of slots
+    """
     if noise is None or not noise.any():
         return np.zeros(0, np.float32)
     out = np.zeros(slots, np.float32)

@@ -34,14 +34,14 @@ Parts: TypeAlias = tuple[Array, Array, Array, Array, Array]  # one root's slices
 
 
 class Cells(NamedTuple):
-    """Binary kd-tree under construction; children follow their parent.
+    """Binary kd-tree under construction, whose leaves are voxels with lists of blocks; children follow their parent.
 
     children : (nodes, 2) int32, -1 for a leaf
     boxes : (nodes, 6) float32; a leaf's box is its voxel, shrunk to the supports in it
     spans : (nodes, 2) int64, a leaf's range in refs
     refs : (references,) int32, block numbers
-    least : (nodes,) float32, least support radius over the ancestor voxel of STEP_WIDTH, so that it does not depend on
-        the size of the voxels
+    least : (nodes,) float32, least support radius over a larger voxel around this one, so that the sample distance does
+        not depend on the size of the voxels
     """
 
     children: Array
@@ -53,7 +53,7 @@ class Cells(NamedTuple):
 
 @inline
 def _shrink(cell: Array, box: Box) -> None:
-    """Clip a cell to a box."""
+    """Clip `cell`, lo x y z, hi x y z, to a box, in place."""
     for c in range(3):
         cell[c] = max(cell[c], box[c])
         cell[3 + c] = min(cell[3 + c], box[3 + c])
@@ -68,7 +68,11 @@ def _area(box: Array) -> float:
 
 @inline
 def _cost(box: Array, count: int, mean: float, least: float) -> float:
-    """Return the cost of a leaf with `count` blocks; samples are closer for a smaller least radius."""
+    """Return the estimated time that rays spend in a leaf, for the surface area heuristic.
+
+    count : blocks of the leaf
+    mean, least : mean and least support radius; samples are closer for a smaller least radius
+    """
     return _area(box) * (LEAF_COST + BLOCK_COST * count + SAMPLE_COST * mean / max(abs(least), 1e-30))
 
 
@@ -84,9 +88,13 @@ def _longest_edge(box: Array) -> tuple[int, float]:
 
 @inline
 def _decide(near: Array, sources: Span, box: Array, mean: float, step: float, refs: Array) -> tuple[int, float]:
-    """Return the end of the blocks that stay, and the least radius around a voxel, which determines its sample step.
+    """Remove blocks from a voxel that are too far for its final sample distance along rays.
 
-    The voxel's blocks were found with the step of a larger radius; those within a step of the mean radius stay.
+    near : positions and squared radii of blocks
+    sources : range in refs of the voxel's blocks, found with a greater distance
+    mean : mean support radius, which bounds the one that determines the distance; step : sample distance in radii
+
+    Returns the end of the blocks that stay in refs, and the least support radius around the voxel.
     """
     end, _, shortest, _, _ = gather(near, sources, box, f32(step * mean), refs, sources[0])
     return end, min(shortest, f32(mean))
@@ -96,12 +104,15 @@ def _decide(near: Array, sources: Span, box: Array, mean: float, step: float, re
 def _halve(
     near: Array, span: Span, cut: tuple[int, int, int], around: tuple[float, float], radii: Array, out: Parts
 ) -> tuple[int, int, int]:
-    """Make the two halves of a voxel with the blocks refs[span]; write their blocks behind these. Return three ends.
+    """Make the two halves of a voxel with the blocks refs[span]; write their blocks behind these.
 
-    cut : the voxel's node, the first half's node, the axis
-    around : step in radii, and a radius; halves are grown by their product to find their blocks
-    radii : output, mean and largest radius of each half; while it may still determine the step, the mean is at most
-        `around[1]`
+    near : positions and squared radii of blocks; cut : the voxel's node, the first half's node, the axis
+    around : sample distance in radii, and a radius; halves are grown by the product of both to find their blocks
+    radii : output, mean and largest radius of each half; while it may still determine the sample distance, the mean is
+        at most `around[1]`
+    out : children, boxes, ranges in refs, refs, and least radii of the nodes of one root
+
+    Returns three positions in refs: the end of the voxel's blocks, of those of the first half, and of the second.
     """
     boxes, refs, least = out[1], out[3], out[4]
     node, first, axis = cut
@@ -121,10 +132,13 @@ def _halve(
 
 @inline
 def _cut_root(work: Array, blocks: Array, numbers: Array, limits: tuple[float, float, float], out: Parts) -> int:
-    """Cut the voxel boxes[0], whose blocks are among `numbers`; return the number of nodes, or FULL.
+    """Cut the box of a root, boxes[0], into voxels; return the number of nodes, or FULL if the arrays are too small.
+
+    numbers : of the blocks that may overlap it
+    limits : width of voxels in mean radii; sample distance in radii; margin around the box to find its blocks
+    out : children, boxes, ranges in refs, refs, and least radii of the nodes
 
     In refs, blocks are indices into `numbers` until they belong to a leaf.
-    limits : width and step, see `cut_roots`; margin by which the voxel is grown to find its blocks
     """
     children, boxes, spans, refs, least = out
     width, step, around = limits
@@ -191,11 +205,11 @@ def cut_roots(
     limits: tuple[float, float, int],
     out: tuple[Cells, Array],
 ) -> int:
-    """Cut voxels in the middle of their longest edges, each root in its own part of the arrays.
+    """Cut roots, boxes at the top of a kd-tree, into voxels, in the middle of their longest edges; one thread for each.
 
-    roots : see `tree/subtrees.py`: first node, first reference and first group of each; groups; margin of each root
+    roots : where nodes, references and groups of each begin; numbers of the groups of blocks; margin of each root
     limits : maximum width of voxels in mean radii; maximum sample distance in radii; blocks per group
-    out : a `Cells` with the boxes of the roots, and the number of nodes of each root, or FULL
+    out : a `Cells` with the boxes of the roots, and the number of nodes of each, or FULL if the arrays are too small
 
     Voxels are first shrunk to the supports they contain, so that empty space is never examined again.
     """

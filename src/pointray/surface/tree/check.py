@@ -24,6 +24,8 @@ def check_tree(tree: Tree, positions: int = 20_000, seed: int = 0) -> list[str]:
     ----------
     positions : int
         Number of random positions near splats at which the leaves are checked.
+    seed : int
+        Seed of these random positions.
     """
     problems = check_lengths(tree)
     if problems:
@@ -40,7 +42,10 @@ def check_tree(tree: Tree, positions: int = 20_000, seed: int = 0) -> list[str]:
 
 
 def _check_nodes(tree: Tree) -> tuple[Floats, NDArray[np.int64], list[str]]:
-    """Check that each node and leaf is reached once; also return leaf boxes (leaves, 6), empty if not reached."""
+    """Check that each node and leaf is reached once, and that boxes enclose those below them.
+
+    Returns the boxes of the leaves (leaves, 6), empty if not reached; how often each is reached; what is wrong.
+    """
     children = tree.children.reshape(-1, tr.WIDTH)
     rows = tree.boxes.reshape(-1, 6, tr.WIDTH)
     leaves = tree.leaves.size // tr.LEAF
@@ -76,7 +81,10 @@ def _check_nodes(tree: Tree) -> tuple[Floats, NDArray[np.int64], list[str]]:
 
 
 def _check_scattered(tree: Tree, block: int, box: Floats) -> list[str]:
-    """Check that the box of a leaf of scattered points encloses their spheres."""
+    """Check that the box of a leaf of scattered points encloses their spheres; return what is wrong.
+
+    block : its first block; box : lo x y z, hi x y z
+    """
     end = block + tr.LEAF_BLOCKS
     rows = np.concatenate(list(tree.blocks[block * tr.BLOCK : end * tr.BLOCK].reshape(-1, 7, 4)), axis=1)
     rows = rows[:, tree.order[4 * block : 4 * end] >= 0]
@@ -86,7 +94,7 @@ def _check_scattered(tree: Tree, block: int, box: Floats) -> list[str]:
 
 
 def _splats(tree: Tree) -> tuple[Floats, NDArray[np.int64]]:
-    """Return rows x y z nx ny nz r of the surface's splats, and the block of each splat."""
+    """Return rows x y z nx ny nz r of the surface's splats (n, 7), and the block of each splat (n,)."""
     used = np.flatnonzero(tree.order[: 4 * first_scattered(tree)] >= 0)
     rows = tree.blocks.reshape(-1, 7, 4).transpose(0, 2, 1).reshape(-1, 7)[used].copy()
     rows[:, 6] = 1 / np.sqrt(rows[:, 6])
@@ -94,7 +102,7 @@ def _splats(tree: Tree) -> tuple[Floats, NDArray[np.int64]]:
 
 
 def _check_spheres(tree: Tree) -> list[str]:
-    """Check that each bounding sphere encloses the supports of its block."""
+    """Check that the bounding spheres that leaves store enclose the supports of their blocks; return what is wrong."""
     rows, block = _splats(tree)
     spheres = tree.spheres.reshape(-1, 4, 16).transpose(0, 2, 1).reshape(-1, 4)
     listed = spheres[:, 3] > 0
@@ -113,7 +121,12 @@ def _check_spheres(tree: Tree) -> list[str]:
 
 
 def _check_positions(tree: Tree, boxes: Floats, reached: NDArray[np.int64], positions: int, seed: int) -> list[str]:
-    """Check that each random position under splats is in one voxel, and that its leaf lists every splat over it."""
+    """Check that each random position under splats is in one voxel, and that its leaf lists every splat over it.
+
+    boxes : (leaves, 6); reached : (leaves,), how often the leaf is reached from the root; positions : their number
+
+    Returns what is wrong, there and at positions on the surface.
+    """
     rows, block = _splats(tree)
     rng = np.random.default_rng(seed)
     chosen = rows[rng.integers(len(rows), size=positions)].astype(np.float64)
@@ -137,7 +150,12 @@ def _check_positions(tree: Tree, boxes: Floats, reached: NDArray[np.int64], posi
 
 
 def _check_surface(tree: Tree, boxes: Floats, reached: NDArray[np.int64], x: NDArray[np.float64]) -> list[str]:
-    """Check that positions on the surface are in a non-empty leaf, in its slab and in its tight box."""
+    """Check that positions x (n, 3) on the surface are in a non-empty leaf, in its slab and in its tight box.
+
+    boxes : (leaves, 6); reached : (leaves,), how often the leaf is reached from the root
+
+    Returns what is wrong.
+    """
     leaf, _, _ = _voxel_of(tree, x)
     x, leaf = x[leaf >= 0], leaf[leaf >= 0]
     records, box = tree.leaves.reshape(-1, tr.LEAF)[leaf].astype(np.float64), boxes[leaf]
@@ -162,7 +180,10 @@ def _check_surface(tree: Tree, boxes: Floats, reached: NDArray[np.int64], x: NDA
 def _out_of_patch(
     tree: Tree, leaf: NDArray[np.int64], x: NDArray[np.float64], slack: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Return which positions in leaves are outside of the slab of their column."""
+    """Return which positions are outside of the slab of their column, (n,).
+
+    leaf : (n,) leaf of each; x : (n, 3); slack : (n,) tolerance
+    """
     records = tree.leaves.reshape(-1, tr.LEAF)
     axes = np.array([uncompiled(across)(*record[tr.SLAB : tr.SLAB + 3]) for record in records])[leaf]
     cell = records[leaf, tr.CELL : tr.CELL + 6].astype(np.float64)
@@ -181,7 +202,7 @@ def _out_of_patch(
 
 
 def _codes(tree: Tree) -> NDArray[np.int64]:
-    """Return leaf * blocks + block for every block that a leaf lists."""
+    """Return leaf * blocks + block for every block that a leaf lists, (m,)."""
     count = 16 * tree.spans[1::2].astype(np.int64)
     leaf = np.repeat(np.arange(len(count)), count)
     start = np.repeat(16 * tree.spans[::2].astype(np.int64) - (np.cumsum(count) - count), count)
@@ -193,7 +214,10 @@ def _codes(tree: Tree) -> NDArray[np.int64]:
 def _over(
     x: NDArray[np.float64], centers: NDArray[Any], radii: NDArray[Any]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return all pairs (position, ball) with the position in the ball."""
+    """Return all pairs (position, ball) with the position in the ball, as two arrays of indices.
+
+    x : (n, 3) positions; centers, radii : of the balls, (m, 3) and (m,)
+    """
     found = cKDTree(x).query_ball_point(centers, radii)
     lengths = np.fromiter(map(len, found), np.int64, len(found))
     queries = np.fromiter((p for some in found for p in some), np.int64, int(lengths.sum()))
@@ -201,7 +225,10 @@ def _over(
 
 
 def _voxel_of(tree: Tree, x: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return the leaf whose voxel strictly contains each position, or -1; where several do; where no voxel touches."""
+    """Return the leaf whose voxel strictly contains each position, or -1; where several do; where no voxel touches it.
+
+    x : (n, 3) positions; all results are (n,)
+    """
     cells = tree.leaves.reshape(-1, tr.LEAF)[:, tr.CELL : tr.CELL + 6].astype(np.float64)
     real = np.flatnonzero((cells[:, :3] <= cells[:, 3:]).all(axis=1))
     low, high = cells[real, :3], cells[real, 3:]
@@ -216,7 +243,10 @@ def _voxel_of(tree: Tree, x: NDArray[np.float64]) -> tuple[NDArray[np.int64], ND
 
 
 def _onto_surface(tree: Tree, rows: Floats, x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Move positions onto the surface with Newton steps along the mean normal; return those that converge to f = 0."""
+    """Move positions onto the surface with Newton steps along the mean normal; return those that converge to f = 0.
+
+    rows : (n, 7) splats, x y z nx ny nz r; x : (m, 3) positions
+    """
     f = radius = away = np.full(len(x), np.nan)
     for _ in range(6):
         f, normal, away, radius = _field(rows, x, int(tree.head[tr.SURFACE]))
@@ -228,7 +258,12 @@ def _onto_surface(tree: Tree, rows: Floats, x: NDArray[np.float64]) -> NDArray[n
 
 
 def _field(rows: Floats, x: NDArray[np.float64], surface: int) -> tuple[NDArray[np.float64], ...]:
-    """Return f (see `intersect/surface.py`), unit mean normal, |x - P| and mean radius; NaN without support."""
+    """Return f, the unit mean normal, the distance from the mean centre of the splats, and their mean radius, at x.
+
+    rows : (n, 7) splats, x y z nx ny nz r; x : (m, 3) positions; surface : kind, such as APSS
+
+    All four are NaN where no support reaches.
+    """
     query, splat = _over(x, rows[:, :3], rows[:, 6])
     p, n, r = np.split(rows[splat].astype(np.float64), [3, 6], axis=1)
     q = p - x[query]

@@ -57,7 +57,7 @@ class Members(NamedTuple):
     """Splats over a voxel, relative to its least corner, where float32 is precise enough wherever the voxel is.
 
     rows : (7 * room,) float32; row k, which starts at k * room, holds x, y, z, nx, ny, nz or r of all splats
-    number : number of splats; there is room for 16 more
+    room : length of a row, at least number + 16; number : of the splats
     """
 
     rows: Array
@@ -67,7 +67,10 @@ class Members(NamedTuple):
 
 @inline
 def across(mx: float, my: float, mz: float) -> tuple[int, int, int]:
-    """Return the axes (u, v, w) of a leaf's columns: w is closest to the normal of its slab."""
+    """Return the axes (u, v, w) of a leaf's columns, which run along w: the axis closest to the slab's normal.
+
+    mx, my, mz : this normal
+    """
     x, y, z = abs(mx), abs(my), abs(mz)
     if z >= x and z >= y:
         return 0, 1, 2
@@ -76,13 +79,13 @@ def across(mx: float, my: float, mz: float) -> tuple[int, int, int]:
 
 @inline
 def live(members: Members, first: int) -> Mask:
-    """Return a mask of the lanes from member `first` on that hold members."""
+    """Return a mask of the 16 lanes that hold splats, when those from number `first` on are loaded."""
     return mask16((1 << min(members.number - first, LANES)) - 1)
 
 
 @inline
 def sum_of_row(members: Members, row: int) -> float:
-    """Return the sum of a row."""
+    """Return the sum of a row over all splats. row : 0 to 6 for x, y, z, nx, ny, nz, r"""
     total, zero, start = broadcast16(ZERO), broadcast16(ZERO), row * members.room
     for first in range(0, members.number, LANES):
         total = total + select(live(members, first), load16(members.rows, start + first), zero)
@@ -91,7 +94,7 @@ def sum_of_row(members: Members, row: int) -> float:
 
 @inline
 def along(members: Members, row: int, first: int, m: Vec3) -> F16:
-    """Return the dot products of m with 16 positions (row 0) or normals (row N)."""
+    """Return the dot products of m with 16 positions (row 0) or normals (row 3) of splats, from number `first` on."""
     rows, room = members.rows, members.room
     x, y, z = load16(rows, row * room + first), load16(rows, (row + 1) * room + first), (row + 2) * room + first
     return m[0] * x + m[1] * y + m[2] * load16(rows, z)
@@ -99,7 +102,11 @@ def along(members: Members, row: int, first: int, m: Vec3) -> F16:
 
 @inline
 def _away(cosine: F16, least: F16, most: F16, limits: Limits) -> F16:
-    """Return the largest distance of surface from its splats along m, in radii: t/r in `leaves.py`; 1 where c <= 0."""
+    """Return the largest distance of surface from its splats along a direction, in radii, for 16 columns; at most 1.
+
+    cosine : least cosine between the direction and the normals; least, most : least and largest radius
+    limits : a, b, d, e of a bound of that distance, from `leaves.limits_of`
+    """
     square = vmax(cosine * cosine, broadcast16(TINY))
     far = vmax(f32(limits[0]) + f32(limits[1]) / square, f32(limits[2]) + f32(limits[3]) / square)
     uneven = HALF * (least + most) / vsqrt(least * most)
@@ -110,7 +117,10 @@ def _away(cosine: F16, least: F16, most: F16, limits: Limits) -> F16:
 
 @inline
 def slab_along(members: Members, m: Vec3, limits: Limits) -> tuple[float, float]:
-    """Return the least and largest m.x of any surface of the members, see `tree/leaves.py`."""
+    """Return the least and largest m.x of any surface of the splats over a voxel, m being a unit vector.
+
+    limits : a, b, d, e of a bound of the distance of surface from splats, from `leaves.limits_of`
+    """
     inf = broadcast16(INF)
     cosine, least, most, radii = broadcast16(ONE), inf, broadcast16(ZERO), R * members.room
     for first in range(0, members.number, LANES):
@@ -129,9 +139,13 @@ def slab_along(members: Members, m: Vec3, limits: Limits) -> tuple[float, float]
 
 @inline
 def _over(members: Members, cell: Array, axes: tuple[int, int, int], words: Array) -> tuple[int, F16, F16, F16]:
-    """Write to `words` which columns each member's support overlaps; return their union and the sums of normals.
+    """Find which of a voxel's 4 x 4 columns each splat's support overlaps.
 
-    Lanes are columns: 4 along v in each of 4 quarters along u.
+    members : splats over the voxel; cell : its box; axes : u, v, w; columns run along w
+    words : output, one bit for each column, a number for each splat
+
+    Returns the union of all words and the sums of the normals over each column (along u, v and w). Lanes are columns: 4
+    along v in each of 4 quarters along u.
     """
     u, v, w = axes
     rows, room, zero = members.rows, members.room, broadcast16(ZERO)
@@ -158,7 +172,12 @@ def _over(members: Members, cell: Array, axes: tuple[int, int, int], words: Arra
 def _slabs(
     members: Members, axes: tuple[int, int, int], words: Array, m: tuple[F16, F16, F16], limits: Limits
 ) -> tuple[F16, F16]:
-    """Return the least and largest m.x of any surface of the members over each column, with one m per lane."""
+    """Return the least and largest m.x of any surface of the splats over each of a voxel's 4 x 4 columns.
+
+    axes : u, v, w; words : for each splat the columns that its support overlaps, as bits
+    m : one unit vector for each column, along these axes
+    limits : a, b, d, e of a bound of the distance of surface from splats, from `leaves.limits_of`
+    """
     u, v, w = axes
     rows, room, inf = members.rows, members.room, broadcast16(INF)
     cosine, least, most = broadcast16(ONE), inf, broadcast16(ZERO)
@@ -182,11 +201,12 @@ def _slabs(
 def fill_patches(
     members: Members, cell: Array, mean: float, slab: tuple[Vec3, float, Limits], words: Array, out: Array
 ) -> None:
-    """Fill in a leaf's patches.
+    """Compute the slabs of a leaf's 4 x 4 columns, or none if they are not much thinner than the leaf's slab.
 
-    mean : mean radius of the members
-    slab : the normal of the leaf's slab; its thickness; limits, see `leaves.limits_of`
-    words : work space, one number per member; out : (64,) float32, see `engine.kernels.tree.PATCH`
+    members : splats over the voxel; cell : its box; mean : mean radius of the splats
+    slab : the normal of the leaf's slab; its thickness; bound of the distance of surface from splats
+    words : work space, one number per splat
+    out : (64,) float32, B, C, low and high of 16 slabs low <= w + B u + C v <= high
     """
     normal, thickness, limits = slab
     u, v, w = axes = across(normal[0], normal[1], normal[2])

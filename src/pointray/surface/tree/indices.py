@@ -16,7 +16,7 @@ LARGEST_SAMPLES = 64  # maximum number of samples per radius
 
 
 def check_lengths(tree: Tree) -> list[str]:
-    """Check that lengths are consistent and that indices are in range."""
+    """Check that the lengths of a tree's arrays are consistent and its indices in range; return what is wrong."""
     leaves, groups, blocks = tree.leaves.size // tr.LEAF, tree.refs.size // 16, tree.blocks.size // tr.BLOCK
     wrong = []
     if tree.boxes.size * tr.WIDTH != tree.children.size * tr.NODE:
@@ -40,7 +40,9 @@ def check_lengths(tree: Tree) -> list[str]:
 
 
 def check_indices(tree: Tree, points: int) -> list[str]:
-    """Find what could cause an index out of bounds, an endless loop or a stack overflow when a ray is traced.
+    """Return what in a tree could cause an invalid index, an endless loop or a stack overflow when a ray is traced.
+
+    Trees from files must pass with an empty list.
 
     Parameters
     ----------
@@ -87,7 +89,10 @@ def check_indices(tree: Tree, points: int) -> list[str]:
 
 
 def _check_children(tree: Tree) -> list[str]:
-    """Check that each child is a later node, a leaf, or empty with an empty box, and that the tree is not too deep."""
+    """Check that each child is a later node, a leaf, or empty with an empty box, and that the tree is not too deep.
+
+    Returns what is wrong.
+    """
     children = tree.children.reshape(-1, tr.WIDTH).astype(np.int64)
     number = np.arange(len(children))[:, None]
     none, inner = children == tr.NO_CHILD, children >= 0

@@ -21,20 +21,20 @@ PAD = 4e-6  # margin of boxes, as a share of the size of all boxes together, bec
 
 @inline
 def _half_area(low: Array, high: Array) -> float:
-    """Return half the surface area of a box."""
+    """Return half the surface area of a box. low, high : its corners, (3,)"""
     x, y, z = high[0] - low[0], high[1] - low[1], high[2] - low[2]
     return x * y + y * z + z * x
 
 
 @inline
 def _bin_of(x: float, low: float, width: float) -> int:
-    """Return the bin of a box's centre."""
+    """Return the bin, 0 to 15, of a box's centre x on an axis. low, width : least centre, and extent of all centres"""
     return min(int((x - low) * BINS / width), BINS - 1) if width > 0.0 else 0
 
 
 @inline
 def _costs(bins: tuple[Array, Array], out: Array) -> None:
-    """Add to out[k] the cost, area times number, of bins 0 to k together. bins : counts, boxes"""
+    """Add to out[k] the cost, area times number, of bins 0 to k together. bins : counts (16,), boxes (16, 6)"""
     counts, boxes = bins
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     number = 0
@@ -47,7 +47,10 @@ def _costs(bins: tuple[Array, Array], out: Array) -> None:
 
 @inline
 def _fill(boxes: Array, rows: Array, axis: int, span: tuple[float, float]) -> tuple[Array, Array]:
-    """Return the counts and boxes of the bins along an axis. span : least centre and width"""
+    """Return the counts (16,) and boxes (16, 6) of the bins along an axis.
+
+    boxes : (n, 6) lo x y z, hi x y z; rows : boxes to put into bins; span : least centre, and extent of all centres
+    """
     counts, held = np.zeros(BINS, np.int64), np.empty((BINS, 6))
     held[:, :3], held[:, 3:] = np.inf, -np.inf
     for i in rows:
@@ -60,7 +63,11 @@ def _fill(boxes: Array, rows: Array, axis: int, span: tuple[float, float]) -> tu
 
 @inline
 def _split(boxes: Array, rows: Array, depth: int) -> int:
-    """Reorder the rows and return how many go to the first half: at least one, and not all."""
+    """Split a node by the surface area heuristic: reorder its rows and return how many go to the first half.
+
+    boxes : (n, 6); rows : those of the node, at least two; neither half becomes empty
+    depth : level of the node; very deep ones are halved by number
+    """
     best, where, along, base, size = np.inf, -1, 0, 0.0, 0.0
     widest = -1.0
     for axis in range(3):
@@ -101,7 +108,7 @@ def _split(boxes: Array, rows: Array, depth: int) -> int:
 
 @inline
 def _enclose(boxes: Array, rows: Array, out: Array) -> None:
-    """Compute the box around some boxes."""
+    """Compute the box around some boxes. boxes : (n, 6); rows : of these boxes; out : (6,)"""
     for c in range(3):
         out[c], out[3 + c] = f32(np.inf), f32(-np.inf)
     for i in rows:
@@ -112,7 +119,11 @@ def _enclose(boxes: Array, rows: Array, out: Array) -> None:
 
 @kernel
 def _build(boxes: Array, numbers: Array, out: tuple[Array, Array]) -> None:
-    """Build the nodes. boxes : (n, 6) float64, of instances `numbers`, n > 1; out : n - 1 nodes' boxes and children"""
+    """Build the nodes of a binary BVH over the boxes of instances.
+
+    boxes : (n, 6) float64, n > 1; numbers : (n,) instance of each
+    out : of n - 1 nodes the boxes of both children, and the children: a node, or ~instance
+    """
     out_boxes, out_children = out
     rows = np.arange(len(boxes))
     pending = np.empty((len(boxes), 4), np.int64)  # node, first and end of its rows, depth
@@ -135,14 +146,14 @@ def _build(boxes: Array, numbers: Array, out: tuple[Array, Array]) -> None:
 
 
 def boxes_around(to_models: NDArray[np.float64], bounds: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the world boxes of instances, (n, 6).
+    """Return the boxes of instances in world space, (n, 6): lo x y z, hi x y z.
 
     Parameters
     ----------
     to_models : (n, 3, 4) float64
         Transforms from the world to each instance's model.
     bounds : (n, 2, 3) float64
-        Bounds in the model's space.
+        Bounds in the model's space, low and high corner.
     """
     back = np.linalg.inv(to_models[:, :, :3])
     middle, half = 0.5 * (bounds[:, 0] + bounds[:, 1]), 0.5 * (bounds[:, 1] - bounds[:, 0])
@@ -154,19 +165,23 @@ def boxes_around(to_models: NDArray[np.float64], bounds: NDArray[np.float64]) ->
 def build_top(
     boxes: NDArray[np.float64], numbers: NDArray[np.integer[Any]]
 ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """Build the BVH over the world boxes of the instances that are models.
+    """Build a binary BVH over the world boxes of a scene's models, or over the boxes of its lights.
 
     Parameters
     ----------
     boxes : (n, 6) float64
         lo x y z, hi x y z; n may be 0.
     numbers : (n,) int64
-        Index of each box's instance.
+        Index of each box's instance, or light.
 
     Returns
     -------
-    top, top_boxes, top_children
-        See `records.World`.
+    top : (9,) float64
+        Centre that the boxes are relative to, and bounds of all boxes.
+    top_boxes : (nodes * 12,) float32
+        Boxes of both children of each node; no nodes for up to three boxes.
+    top_children : (nodes * 2,) int32
+        A child >= 0 is a node, a child < 0 is instance ~child.
     """
     top = np.zeros(TOP_SIZE)
     nodes = max(len(boxes) - 1, 0) if len(boxes) > FEW else 0

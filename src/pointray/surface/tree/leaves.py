@@ -64,10 +64,15 @@ Slab: TypeAlias = tuple[float, float, float, float, float]  # unit normal m, lea
 
 
 def limits_of(surface: str, trim: float) -> Limits:
-    """Return the limits of a surface's distance from its splats, max(a + b / c^2, d + e / c^2); see the module docs.
+    """Return four numbers a, b, d, e that limit the distance of a surface from its splats, for the proof of slabs.
 
-    With the bound (2 S)^2 for `apss`, 1 million points took 1.08 (far view), 1.10 (near), 1.21 (shadows), 1.15
-    (bounces) times as long; 32,000 points took equally long.
+    The distance is along a direction m. Divided by the radius and by the largest sine between m and the normals, and
+    squared, it is at most max(a + b / c^2, d + e / c^2), where c is the least cosine between m and the normals.
+
+    trim : largest distance of a hit from the mean centre of its splats, in their mean radii
+
+    With a limit of 4 for `apss`, 1 million points took 1.08 (far view), 1.10 (near), 1.21 (shadows), 1.15 (bounces)
+    times as long; 32,000 points took equally long.
     """
     far = min(1.0, trim) ** 2
     if surface == "apss":
@@ -76,13 +81,16 @@ def limits_of(surface: str, trim: float) -> Limits:
 
 
 def longest_step(samples: int) -> float:
-    """Return the maximum sample distance in least support radii. samples : number per support diameter"""
+    """Return the maximum distance of samples along a ray, in least support radii. samples : per support diameter"""
     return float(2.0**LEEWAY * 2.0 / samples)
 
 
 @inline
 def _members(blocks: Array, refs: Array, span: Array, cell: Array, rows: Array) -> Members:
-    """Gather the splats whose support overlaps the cell."""
+    """Gather the splats whose support overlaps a voxel, relative to its least corner.
+
+    refs : numbers of the blocks that voxels list; span : the voxel's range in them; cell : its box; rows : memory
+    """
     room, count = len(rows) // PARTS, 0
     box = (cell[0], cell[1], cell[2], cell[3], cell[4], cell[5])
     for s in range(span[0], span[1], 4):
@@ -107,7 +115,10 @@ def _members(blocks: Array, refs: Array, span: Array, cell: Array, rows: Array) 
 
 @inline
 def _slab(members: Members, limits: Limits) -> Slab:
-    """Return the mean normal m and the least and largest m.x of any surface, see the module docstring."""
+    """Return the mean normal m of the splats over a voxel and the least and largest m.x of any surface in it.
+
+    limits : a, b, d, e of a bound of the distance of surface from splats, from `limits_of`
+    """
     mx, my, mz = sum_of_row(members, N), sum_of_row(members, N + 1), sum_of_row(members, N + 2)
     length = math.sqrt(mx * mx + my * my + mz * mz)
     if length < 1e-6:
@@ -119,9 +130,9 @@ def _slab(members: Members, limits: Limits) -> Slab:
 
 @inline
 def _farthest(m: float, r: F16, low: F16, high: F16) -> F16:
-    """Return the largest coordinates of balls clipped to the slab, along an axis whose cosine with its normal is m.
+    """Return the largest coordinate of 16 balls clipped to a slab, along an axis, relative to the balls' centres.
 
-    The balls have radius r and their centres at height 0; the slab extends from low to high.
+    m : cosine of the axis with the slab's normal; r : radii; low, high : the slab, relative to the balls' centres
     """
     height = vmin(vmax(r * m, low), high)
     across = f32(math.sqrt(max(0.0, 1.0 - m * m)))
@@ -130,7 +141,10 @@ def _farthest(m: float, r: F16, low: F16, high: F16) -> F16:
 
 @inline
 def _tight_box(members: Members, slab: Slab, mean: float, cell: Array, box: Array) -> None:
-    """Shrink the box to the members' balls, clipped to the slab."""
+    """Shrink `box` to the supports of the splats over a voxel, clipped to the slab.
+
+    members : the splats; mean : their mean radius; cell : the voxel
+    """
     m, slight = (slab[0], slab[1], slab[2]), f32(SLIGHT * mean)
     rows, room, inf = members.rows, members.room, broadcast16(INF)
     for c in range(3):
@@ -147,7 +161,7 @@ def _tight_box(members: Members, slab: Slab, mean: float, cell: Array, box: Arra
 
 @inline
 def _cut_by_slab(slab: Slab, box: Array) -> None:
-    """Shrink a box to its part inside of a slab, axis by axis."""
+    """Shrink a box to its part inside of a slab, axis by axis, in place; it becomes empty if the slab misses it."""
     mx, my, mz, low, high = slab
     m = (mx, my, mz)
     least = greatest = 0.0
@@ -170,7 +184,11 @@ def _cut_by_slab(slab: Slab, box: Array) -> None:
 
 @inline
 def _is_marked(marks: Array, refs: Array, span: Array) -> bool:
-    """Return whether a splat in the blocks of a voxel is marked. marks : (blocks * 4 * 3,), or of length 0"""
+    """Return whether a splat in the blocks of a voxel has a direction that is not zero.
+
+    marks : (blocks * 4 * 3,), directions at borders or of close sheets, or of length 0
+    span : the voxel's range in refs
+    """
     if marks.size == 0:
         return False
     for s in range(span[0], span[1]):
@@ -190,11 +208,13 @@ def fill_leaves(
     settings: tuple[Limits, int, float, int],
     out: tuple[Array, Array, Array, Array],
 ) -> int:
-    """Fill in the record and the tight box of each leaf. An inverted box marks an empty leaf.
+    """Compute the slab, the columns' slabs and the tight box of each voxel. An inverted box marks an empty one.
 
-    marks : borders and facing, see `Tree`
-    settings : see `limits_of`; samples per support diameter; reference radius; 0 for unlimited slabs and boxes
-    out : numbers of the leaf nodes (leaves,), records (leaves * 16,), patches (leaves * 64,), boxes (leaves, 6) float64
+    cells : kd-tree of the voxels; marks : for each slot the outward direction at an open border, and the normal of a
+        splat with another sheet close by, or zero; each may be of length 0
+    settings : bound of the distance of surface from splats, from `limits_of`; samples per support diameter; reference
+        radius, whose sample distance times powers of two is used; 0 for unlimited slabs and boxes
+    out : numbers of the leaf nodes (leaves,), records (leaves * 16,), columns' slabs (leaves * 64,), boxes (leaves, 6)
     """
     boxes, spans, refs = cells.boxes, cells.spans, cells.refs
     limits, samples, reference, cut = settings
@@ -253,7 +273,13 @@ def fill_leaves(
 
 @kernel
 def fill_groups(work: Array, cells: Cells, nodes: Array, bounds: Array, out: tuple[Array, Array, Array]) -> int:
-    """Copy each leaf's references into groups of 16 bounding spheres. out : spans, spheres, refs, see `Tree`"""
+    """Copy each leaf's list of blocks into groups of 16, with the blocks' bounding spheres.
+
+    cells : kd-tree of the voxels; nodes : numbers of its leaf nodes
+    bounds : (blocks * 4,), centre and radius of spheres
+    out : first group and number of groups of each leaf, which are given; bounding spheres (groups * 64,) and blocks
+        (groups * 16,), which are written
+    """
     spans, spheres, refs = out
     tile = next_tile(work)
     while tile >= 0:

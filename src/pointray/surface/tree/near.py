@@ -37,7 +37,7 @@ Span: TypeAlias = tuple[int, int]  # begin and end in refs
 
 @inline
 def distances(cell: Box, x: F16, y: F16, z: F16) -> F16:
-    """Return the squared distances of 16 points from a box."""
+    """Return the squared distances of 16 points x, y, z from a box; 0 for points inside of it."""
     zero = broadcast16(ZERO)
     dx = vmax(vmax(cell[0] - x, x - cell[3]), zero)
     dy = vmax(vmax(cell[1] - y, y - cell[4]), zero)
@@ -47,7 +47,10 @@ def distances(cell: Box, x: F16, y: F16, z: F16) -> F16:
 
 @inline
 def four_from(refs: Array, s: int, end: int) -> tuple[tuple[int, int, int, int], Bits]:
-    """Return the numbers refs[s : s + 4] and a mask with a bit for each splat of those blocks that are before `end`."""
+    """Return the block numbers refs[s : s + 4] and a bit mask of their 16 splats.
+
+    Numbers from `end` on repeat the last one; the bits of their splats are not set.
+    """
     last = end - 1
     found = i64(refs[s]), i64(refs[min(s + 1, last)]), i64(refs[min(s + 2, last)]), i64(refs[min(s + 3, last)])
     return found, (1 << PER_BLOCK * min(end - s, 4)) - 1
@@ -55,20 +58,23 @@ def four_from(refs: Array, s: int, end: int) -> tuple[tuple[int, int, int, int],
 
 @inline
 def sum_of(vector: F16) -> float:
-    """Return the sum of all lanes."""
+    """Return the sum of all 16 lanes as float64."""
     four = sum_over_quarters(vector)
     return f64(lane(four, 0)) + f64(lane(four, 1)) + f64(lane(four, 2)) + f64(lane(four, 3))
 
 
 @inline
 def room_for(blocks: int) -> int:
-    """Return the length of the copy of `blocks` blocks."""
+    """Return the length of the array that `copy_near` needs for a copy of `blocks` blocks."""
     return NEAR * blocks
 
 
 @inline
 def copy_near(blocks: Array, numbers: Array, near: Array) -> None:
-    """Copy positions and squared radii of blocks to consecutive memory, in rows of 4 x, y, z and r^2."""
+    """Copy positions and squared radii of blocks to consecutive memory, where a search reads them fast.
+
+    numbers : of the blocks; near : output, 16 numbers for each block: 4 each of x, y, z and r^2
+    """
     for k in range(len(numbers)):
         offset = i64(numbers[k]) * BLOCK
         for row in range(3):
@@ -81,12 +87,14 @@ def copy_near(blocks: Array, numbers: Array, near: Array) -> None:
 def gather(
     near: Array, sources: Span, cell: Array, around: float, refs: Array, start: int
 ) -> tuple[int, float, float, float, Box]:
-    """Write the blocks of `sources` whose supports overlap the grown cell to refs[start:].
+    """List the blocks with a splat whose support overlaps a box that is grown by a margin.
 
-    around : margin by which the cell is grown for this test
+    near : positions and squared radii of blocks, 4 each of x, y, z and r^2
+    sources : range in refs of the blocks to test, as indices in `near`; refs : also the output, from `start` on
+    cell : the box; around : the margin
 
     Returns the end in refs; the mean, the least and the largest radius of these splats; the bounding box of their
-    supports, inverted if no splat overlaps. The splat of an empty slot is too far from every cell.
+    supports, inverted if no splat overlaps. The splat of an empty slot is too far from every box.
     """
     grown = (cell[0] - around, cell[1] - around, cell[2] - around, cell[3] + around, cell[4] + around, cell[5] + around)
     zero, inf = broadcast16(ZERO), broadcast16(INF)

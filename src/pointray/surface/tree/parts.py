@@ -14,13 +14,16 @@ WIDTHS = {"blocks": BLOCK, "order": 4, "borders": 12, "facing": 12, "colors": 4,
 
 
 def surface_of(tree: Tree) -> Tree:
-    """Return a tree with only the blocks of its surface, for `splats_of`; its nodes are unchanged."""
+    """Return a tree with only the blocks of its surface, without scattered points, for `splats_of`.
+
+    Its nodes are unchanged, so it must not be traced.
+    """
     first = first_scattered(tree)
     return tree._replace(**{name: getattr(tree, name)[: first * width] for name, width in WIDTHS.items()})
 
 
 def splats_of(tree: Tree, radii: NDArray[np.float32]) -> Splats:
-    """Return the splats that a tree was built from, in its order. radii : (n,), of the caller's rows"""
+    """Return the splats that a tree was built from, in its order. radii : (n,), of all the caller's rows"""
     rows, positions, normals, noise = stored_splats(tree, by_row=False)
     there = tree.order >= 0
     borders = tree.borders.reshape(-1, 3)[there].astype(np.float32) / np.float32(127) if tree.borders.size else None
@@ -30,7 +33,10 @@ def splats_of(tree: Tree, radii: NDArray[np.float32]) -> Splats:
 
 
 def without_unused(tree: Tree) -> Tree:
-    """Remove the blocks that no leaf lists: in a part, those of splats near it whose supports do not reach into it."""
+    """Return a tree without the blocks that no leaf lists.
+
+    In a part of a model these hold splats near it whose supports do not reach into it.
+    """
     refs, spheres = tree.refs.reshape(-1, 16), tree.spheres.reshape(-1, 4, 16)
     valid = ~np.isnan(spheres[:, 3])  # False for empty slots
     used = np.zeros(tree.blocks.size // BLOCK, np.bool_)

@@ -30,7 +30,10 @@ Boxes = NDArray[np.float64]
 
 @kernel
 def _bound(work: Array, blocks: Array, pad: float, boxes: Array) -> int:
-    """Compute the boxes of leaves of spheres, (n, 6) float64."""
+    """Compute the boxes of leaves of eight spheres, (n, 6) float64: lo x y z, hi x y z.
+
+    blocks : two for each leaf; pad : margin against rounding
+    """
     tile = next_tile(work)
     while tile >= 0:
         for b in range(tile * CHUNK, min((tile + 1) * CHUNK, len(boxes))):
@@ -50,27 +53,35 @@ def _bound(work: Array, blocks: Array, pad: float, boxes: Array) -> int:
 
 @inline
 def _half_area(bins: Array, k: int) -> float:
-    """Return half the surface area of a bin's box, 0 if it is empty."""
+    """Return half the surface area of box k of `bins`, rows of lo x y z, hi x y z; 0 if it is empty."""
     x, y, z = bins[k, 3] - bins[k, 0], bins[k, 4] - bins[k, 1], bins[k, 5] - bins[k, 2]
     return x * y + y * z + z * x if x >= 0.0 else 0.0
 
 
 @inline
 def _grow(bins: Array, k: int, boxes: Array, b: int) -> None:
-    """Extend the box of a bin by another box."""
+    """Extend the box of bin k by box b. bins, boxes : rows of lo x y z, hi x y z"""
     for c in range(3):
         bins[k, c], bins[k, 3 + c] = min(bins[k, c], boxes[b, c]), max(bins[k, 3 + c], boxes[b, 3 + c])
 
 
 @inline
 def _bin_of(boxes: Array, b: int, axis: int, low: float, scale: float) -> int:
-    """Return the bin of a box's centre along an axis."""
+    """Return the bin, 0 to 15, of box b's centre along an axis.
+
+    low, scale : twice the least centre, and bins per double length, as the sum of both faces is twice the centre
+    """
     return min(max(int((boxes[b, axis] + boxes[b, 3 + axis] - low) * scale), 0), BINS - 1)
 
 
 @inline
 def _best_cut(boxes: Array, order: Array, span: tuple[int, int], bins: Array, memory: tuple[Array, Array]):  # type: ignore[no-untyped-def]
-    """Return the cheapest cut: axis (-1 if all centres are equal), bin after the cut, least centre, bins per length."""
+    """Return the cheapest cut of a node by the surface area heuristic, with 16 bins along each axis.
+
+    boxes : (n, 6); order : indices of boxes; span : the node's range in it; bins, memory : work space
+
+    Returns the axis, -1 if all centres are equal; the bin after the cut; twice the least centre; bins per this length.
+    """
     counts, costs = memory
     best, found = np.inf, (-1, 0, 0.0, 0.0)
     for axis in range(3):
@@ -110,7 +121,11 @@ def _best_cut(boxes: Array, order: Array, span: tuple[int, int], bins: Array, me
 def _cut(
     boxes: Array, order: Array, span: tuple[int, int], bins: Array, memory: tuple[Array, Array], depth: int
 ) -> int:
-    """Partition a span of the order into two halves; return where the second starts."""
+    """Partition a node's boxes into two halves; return where the second starts.
+
+    boxes : (n, 6); order : indices of boxes, reordered; span : the node's range in it; bins, memory : work space
+    depth : level of the node; very deep ones are halved by number
+    """
     middle = (span[0] + span[1]) // 2
     if depth > DEEP:
         return middle
@@ -131,7 +146,7 @@ def _cut(
 def _halve(boxes: Array, order: Array, children: Array, leaf_of: Array) -> int:
     """Build a binary tree over boxes (n, 6); write its nodes to children (2 n - 1, 2) and leaf_of (2 n - 1,).
 
-    The children of a leaf are -1, as is leaf_of of other nodes.
+    order : indices of the boxes, reordered. The children of a leaf are -1; leaf_of is its box, -1 for other nodes.
     """
     bins, memory = np.empty((BINS + 1, 6)), (np.empty(BINS, np.int64), np.empty(BINS + 1))
     stack = np.empty((len(boxes) + 1, 4), np.int64)  # node, first, end, depth
@@ -156,7 +171,7 @@ def _halve(boxes: Array, order: Array, children: Array, leaf_of: Array) -> int:
 def _nodes(
     blocks: NDArray[np.float32], first: int, threads: int | None
 ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-    """Build wide nodes over blocks of scattered points: boxes (nodes * 48,) and children (nodes * 8,).
+    """Build nodes of eight over blocks of scattered points; return their boxes (nodes * 48,) and children (nodes * 8,).
 
     first : number of the first block in the tree
     """
@@ -178,7 +193,7 @@ def _nodes(
 
 
 def _box_around(boxes: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the box around the root's children, (6,)."""
+    """Return the box around the children of a tree's root, (6,). boxes : those of its nodes of eight, the root first"""
     root = boxes[: tr.NODE].reshape(2, 3, tr.WIDTH)
     return np.concatenate([root[0].min(axis=1), root[1].max(axis=1)])
 
@@ -186,7 +201,10 @@ def _box_around(boxes: NDArray[np.float32]) -> NDArray[np.float32]:
 def _under_one_root(
     a: tuple[NDArray[np.float32], NDArray[np.int32]], b: tuple[NDArray[np.float32], NDArray[np.int32]]
 ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-    """Join the nodes of two trees under a new root."""
+    """Join the nodes of two trees under a new root.
+
+    a, b : boxes (nodes * 48,) and children (nodes * 8,) of each, as is the result
+    """
     boxes = np.repeat(np.array([np.inf] * 3 + [-np.inf] * 3, np.float32), tr.WIDTH).reshape(6, tr.WIDTH)
     boxes[:, 0], boxes[:, 1] = _box_around(a[0]), _box_around(b[0])
     root = np.full(tr.WIDTH, tr.NO_CHILD, np.int32)
@@ -196,7 +214,7 @@ def _under_one_root(
 
 
 def _whole_leaves(blocks: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Append empty blocks to complete the last leaf."""
+    """Append an empty block if their number is odd: a leaf of scattered points holds two blocks."""
     empty = np.zeros((7, PER_BLOCK), np.float32)
     empty[:3], empty[tr.INV_R2 // PER_BLOCK] = tr.EMPTY, 1.0
     missing = -(blocks.size // tr.BLOCK) % tr.LEAF_BLOCKS
@@ -204,7 +222,7 @@ def _whole_leaves(blocks: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def with_scattered(tree: Tree, scattered: Splats, kind: int, threads: int | None = None) -> Tree:
-    """Add scattered points to a tree, which may have no surface.
+    """Return a tree with scattered points added, drawn as spheres or discs. The tree may have no surface.
 
     Parameters
     ----------
@@ -240,13 +258,16 @@ def with_scattered(tree: Tree, scattered: Splats, kind: int, threads: int | None
 
 
 def scattered_rows(tree: Tree) -> NDArray[np.int32]:
-    """Return the caller's rows of the scattered points of a tree."""
+    """Return the caller's rows of the scattered points of a tree, (m,), in the tree's order."""
     rows = tree.order[PER_BLOCK * first_scattered(tree) :]
     return rows[rows >= 0]
 
 
 def scattered_of(tree: Tree, radii: NDArray[np.float32]) -> Splats | None:
-    """Return the scattered points of a tree in its order, or None if it has none. radii : (n,), of all rows"""
+    """Return the scattered points of a tree as splats, in its order, or None if it has none.
+
+    radii : (n,), of all the caller's rows, as those in the tree are rounded
+    """
     first = first_scattered(tree)
     if first * tr.BLOCK == tree.blocks.size:
         return None

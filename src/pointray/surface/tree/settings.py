@@ -17,13 +17,13 @@ LEAF_WIDTH = 8.0  # upper limit of a voxel's longest edge, in mean support radii
 
 
 class TreeSettings(NamedTuple):
-    """Settings of a tree.
+    """Settings of a tree: kind of surface, sampling along rays, limits of hits, width of voxels.
 
     surface : 'paper', 'imls', 'apss' or 'disc'
     samples : samples per support diameter, the paper's N
-    refine : secant steps after the bracket
-    trim : largest |x - P(x)| of a hit in local radii, inf for no limit
-    overhang : largest distance of a hit beyond an open border in local radii, inf for no limit
+    refine : secant steps that refine a hit between two samples
+    trim : largest distance of a hit from the mean centre of its splats, in their mean radii, inf for no limit
+    overhang : largest distance of a hit beyond an open border, in the same unit, inf for no limit
     leaf_width : a voxel's longest edge in mean radii, or down to half of it where the costs favour it
     cut : False for unlimited slabs and boxes as large as their voxels; for tests
     """
@@ -38,7 +38,11 @@ class TreeSettings(NamedTuple):
 
 
 def check_settings(surface: str, samples: int, refine: int, trim: str | float | None) -> TreeSettings:
-    """Check the settings that a caller passes, see `Model`."""
+    """Check the parameters of `Model` with these names, and return them as `TreeSettings`.
+
+    surface : kind of surface; samples : per support diameter; refine : secant steps
+    trim : largest distance of a hit from its splats in radii, or None; "auto" also limits hits beyond open borders
+    """
     surface = check_choice(surface, "surface", SURFACES)
     samples = check_whole(samples, "samples", 2, LARGEST_SAMPLES)
     refine = check_whole(refine, "refine", 0, LARGEST_REFINE)
@@ -53,7 +57,7 @@ def check_settings(surface: str, samples: int, refine: int, trim: str | float | 
 
 
 def settings_of(values: dict[str, Any]) -> TreeSettings:
-    """Return settings from the values stored in a file."""
+    """Return settings from the values stored in a model's file, by name; raise ValueError if they are invalid."""
     settings = TreeSettings(**values)
     if settings.surface not in SURFACES or not all(isinstance(value, int | float) for value in settings[1:]):
         raise ValueError("invalid settings")

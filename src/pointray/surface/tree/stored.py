@@ -16,7 +16,7 @@ Floats = NDArray[np.float32]
 
 
 class Stored(NamedTuple):
-    """Splats read from a tree.
+    """Splats read back from a tree.
 
     rows : (m,) int64, the caller's row of each
     positions, normals : (m, 3) float32
@@ -45,7 +45,7 @@ def _unpack(work: Array, blocks: Array, slots: Array, positions: Array, normals:
 
 
 def stored_splats(tree: Tree, by_row: bool = True) -> Stored:
-    """Return all splats of a tree as new arrays, in the order of their rows, or as stored: neighbours together."""
+    """Read all splats back from a tree, as new arrays. by_row : in the order of their rows, else as stored"""
     slots = np.flatnonzero(tree.order >= 0)
     rows = tree.order[slots].astype(np.int64)
     if by_row and len(rows):
@@ -60,18 +60,21 @@ def stored_splats(tree: Tree, by_row: bool = True) -> Stored:
 
 
 def radii_of(tree: Tree) -> Floats:
-    """Return the radii of all splats of a tree, except for rounding, in stored order."""
+    """Return the support radii of all splats of a tree, (m,), in stored order; rounding has changed them slightly."""
     inverse = tree.blocks.reshape(-1, BLOCK)[:, INV_R2 : INV_R2 + 4].reshape(-1)
     return np.asarray(1.0 / np.sqrt(inverse[tree.order >= 0]))
 
 
 def find_surface_bounds(tree: Tree) -> NDArray[np.float64] | None:
-    """Return the bounds of everything that rays can hit, (2, 3) relative to the origin; None if there is nothing."""
+    """Return the box of everything in a tree that rays can hit, (2, 3): least and greatest x, y, z; None if empty.
+
+    Coordinates are relative to the points' origin.
+    """
     root = tree.boxes[:NODE].reshape(2, 3, WIDTH)
     bounds = np.stack([root[0].min(axis=1), root[1].max(axis=1)]).astype(np.float64)
     return bounds if (bounds[0] <= bounds[1]).all() else None
 
 
 def longest_leaf(tree: Tree) -> int:
-    """Return the number of blocks in the longest leaf."""
+    """Return the largest number of blocks that a leaf lists, rounded up to 16, for which a thread needs memory."""
     return 16 * int(tree.spans[1::2].max(initial=0))

@@ -11,18 +11,18 @@ from .top import PER_GROUP, Top
 
 
 def build_cells(blocks: NDArray[np.float32], top: Top, width: float, step: float, threads: int | None = None) -> Cells:
-    """Build the binary kd-tree over the blocks.
+    """Build the binary kd-tree over the blocks, whose leaves are voxels.
 
     Parameters
     ----------
     blocks : (b * 28,) float32
         From `blocks.make_blocks`.
     top : Top
-        From `cut_top` for the groups of these blocks.
+        Uppermost nodes of the tree, from `cut_top` for the groups of these blocks.
     width : float
         Maximum width of voxels, in mean radii.
     step : float
-        Maximum sample distance, in radii.
+        Maximum sample distance along rays, in radii.
     """
     sizes = np.array([len(groups) * PER_GROUP for groups in top.groups])
     room = np.stack([sizes // 2 + 64, 8 * sizes + 4096], axis=1)  # nodes, references
@@ -48,7 +48,11 @@ def build_cells(blocks: NDArray[np.float32], top: Top, width: float, step: float
 
 
 def _joined(top: Top, cells: Cells, firsts: Array, used: Array) -> Cells:
-    """Join the top and all roots into one tree with consecutive nodes."""
+    """Join the uppermost nodes and the subtrees of all roots into one tree with consecutive nodes.
+
+    cells : the subtrees, each in its own range of the arrays; used : (roots,) number of nodes of each
+    firsts : (roots + 1, 3) where the nodes, the references and the groups of each root begin
+    """
     above = len(top.children)
     starts = above + np.cumsum(used) - used
     count = above + int(used.sum())

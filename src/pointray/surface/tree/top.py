@@ -24,7 +24,7 @@ LEAST, MOST = 64, 1024  # limits of the groups per root; powers of two
 
 
 class Groups(NamedTuple):
-    """Bounds of groups of 64 consecutive blocks.
+    """Bounds of g groups of 64 consecutive blocks of splats, from which the top of a kd-tree is cut.
 
     supports : (g, 6) float32, boxes around the supports of their splats
     places : (g, 6) float32, boxes around the positions of their splats
@@ -37,10 +37,11 @@ class Groups(NamedTuple):
 
 
 class Top(NamedTuple):
-    """Nodes above the roots.
+    """Uppermost nodes of a kd-tree. Below them are roots: boxes that threads cut into voxels independently.
 
     children : two per node, a node or ~root
-    boxes : (6,) per root; groups : the groups that overlap it; around : margin of each root within which splats matter
+    boxes : (6,) per root, lo x y z, hi x y z; groups : numbers of the groups of 64 blocks that may overlap it
+    around : for each root the margin around it within which splats matter
     """
 
     children: list[list[int]]
@@ -51,7 +52,11 @@ class Top(NamedTuple):
 
 @kernel
 def _bound_groups(work: Array, blocks: Array, bounds: Array, out: Groups) -> int:
-    """Compute the bounds of each group."""
+    """Compute the bounds of each group of 64 consecutive blocks.
+
+    bounds : (blocks * 4,) centre and radius of each block's bounding sphere
+    out : boxes around the supports and around the positions of each group's splats, and their largest radius
+    """
     blocks, bounds = borrow(blocks), borrow(bounds)
     group = next_tile(work)
     while group >= 0:
@@ -73,10 +78,12 @@ def _bound_groups(work: Array, blocks: Array, bounds: Array, out: Groups) -> int
 
 
 class _Node(NamedTuple):
-    """Node of the top to be cut.
+    """Node at the top of a kd-tree, before it is cut.
 
-    roots : range of roots below it; groups : (m,) that may overlap it; cell : (6,), not yet shrunk to their supports
-    parent, side : which entry of which node refers to it; parent is -1 for none
+    roots : range of the roots below it, boxes that threads cut independently; groups : (m,) groups of splats that may
+        overlap it
+    cell : (6,) its box, not yet shrunk to the supports of these
+    parent, side : node and child index that refer to it; parent -1 for none
     """
 
     roots: range
@@ -87,7 +94,7 @@ class _Node(NamedTuple):
 
 
 def groups_of(blocks: Array, bounds: Array, threads: int | None = None) -> Groups:
-    """Return the groups of blocks from `blocks.make_blocks`."""
+    """Return the bounds of groups of 64 blocks of splats. bounds : (blocks * 4,), centre and radius of each block"""
     count = -(-len(bounds) // (4 * PER_GROUP))
     groups = Groups(np.empty((count, 6), np.float32), np.empty((count, 6), np.float32), np.empty(count, np.float32))
     run(_bound_groups, count, blocks, bounds, groups, threads=threads)
@@ -95,7 +102,10 @@ def groups_of(blocks: Array, bounds: Array, threads: int | None = None) -> Group
 
 
 def groups_per_root(groups: int) -> int:
-    """Return the number of consecutive groups per root of a model with `groups` groups."""
+    """Return how many consecutive groups of blocks each root gets: a box that one thread cuts into voxels.
+
+    groups : number of groups of the model
+    """
     per_root = LEAST
     while per_root < MOST and 2 * per_root * ROOTS <= groups:
         per_root *= 2
@@ -103,14 +113,14 @@ def groups_per_root(groups: int) -> int:
 
 
 def cut_top(groups: Groups, step: float, part: range | None = None, within: NDArray[np.float64] | None = None) -> Top:
-    """Cut space along the kd order down to the roots.
+    """Cut space along the kd order into roots: boxes with similar numbers of splats that threads cut independently.
 
     Parameters
     ----------
     groups : Groups
-        All groups of a model.
+        All groups of blocks of a model.
     step : float
-        Maximum sample distance, in radii.
+        Maximum sample distance along rays, in support radii.
     part : range, optional
         Aligned range of groups: only its roots are returned, with the nodes above them that lie in the range.
     within : (6,) float64, optional
@@ -159,7 +169,10 @@ def cut_top(groups: Groups, step: float, part: range | None = None, within: NDAr
 
 
 def cells_of_parts(groups: Groups, size: int) -> NDArray[np.float64]:
-    """Return the boxes into which these planes cut space, (parts, 6), for parts of `size` groups, a power of two."""
+    """Return the boxes into which the kd-tree of a model divides space among its parts, (parts, 6): lo x y z, hi x y z.
+
+    size : number of groups of each part, a power of two
+    """
     root_boxes, per_root = _root_boxes(groups)
     most, cells = size // per_root, np.empty((-(-len(groups.longest) // size), 6))
     pending = [(range(len(root_boxes)), _everything())]
@@ -183,14 +196,20 @@ def _everything() -> NDArray[np.float64]:
 
 
 def _one_root(top: Top) -> Top:
-    """Return one root for the same space: where splats extend over nearly all of it, cuts make no root smaller."""
+    """Join the roots of a kd-tree to one, which a single thread cuts into voxels.
+
+    Where splats extend over nearly all of space, cuts make no root smaller.
+    """
     boxes = np.array(top.boxes)
     cell = np.concatenate([boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)])
     return Top([], [cell], [np.unique(np.concatenate(top.groups))], [max(top.around)])
 
 
 def _root_boxes(groups: Groups) -> tuple[NDArray[np.float64], int]:
-    """Return boxes around the positions of each root's groups, (m, 6), and the number of groups per root."""
+    """Return boxes around the splats' positions for each root, a box that one thread cuts into voxels, (m, 6).
+
+    Also return the number of consecutive groups of blocks per root. groups : of the model
+    """
     per_root = groups_per_root(len(groups.longest))
     starts = np.arange(0, len(groups.longest), per_root)
     low, high = groups.places[:, :3], groups.places[:, 3:]
@@ -199,9 +218,9 @@ def _root_boxes(groups: Groups) -> tuple[NDArray[np.float64], int]:
 
 
 def _plane_between(first: NDArray[np.float64], second: NDArray[np.float64]) -> tuple[int, float]:
-    """Return the axis along which two parts of the order are farthest apart, and the coordinate halfway between them.
+    """Return an axis and a coordinate that divide two parts of the kd order, where these are farthest apart.
 
-    first, second : boxes of their roots, (m, 6)
+    first, second : boxes around the splats of each part, (m, 6), several for each
     """
     ends, begins = first[:, 3:].max(axis=0), second[:, :3].min(axis=0)
     axis = int(np.argmax(begins - ends))
@@ -209,9 +228,11 @@ def _plane_between(first: NDArray[np.float64], second: NDArray[np.float64]) -> t
 
 
 def top_of_part(groups: Groups, step: float, part: range) -> tuple[Top, NDArray[np.int64]]:
-    """Return the top of a part, an aligned range of groups, and all groups that overlap its roots, ascending.
+    """Return the top of a part's kd-tree, and the numbers of all groups that overlap its roots, ascending.
 
-    The groups in the top are indices into these.
+    groups : all groups of the model; step : maximum sample distance, in support radii; part : aligned range of groups
+
+    The groups in the result are indices into these numbers.
     """
     top = cut_top(groups, step, part)
     needed = np.unique(np.concatenate(top.groups))

@@ -19,7 +19,11 @@ def _area(box: Array) -> float:
 
 @kernel
 def enclose(children: Array, leaf_of: Array, tight: Array, boxes: Array) -> None:
-    """Compute the boxes of the binary nodes, (nodes, 6) float64, bottom-up from the leaves' tight boxes."""
+    """Compute the boxes of the nodes of a binary tree, bottom-up from the boxes of its leaves.
+
+    children : (nodes, 2), -1 for a leaf; leaf_of : (nodes,) leaf of such a node; tight : (leaves, 6) boxes
+    boxes : (nodes, 6) float64, output: lo x y z, hi x y z
+    """
     for node in range(len(children) - 1, -1, -1):
         box = boxes[node]
         if children[node, 0] < 0:
@@ -33,7 +37,13 @@ def enclose(children: Array, leaf_of: Array, tight: Array, boxes: Array) -> None
 
 @kernel
 def collapse(children: Array, leaf_of: Array, boxes: Array, out: tuple[Array, Array]) -> int:
-    """Open the child with the largest surface area until a node has eight children; return the number of wide nodes."""
+    """Collapse a binary tree into nodes of eight; the child with the largest surface area is always opened next.
+
+    children : (nodes, 2), -1 for a leaf; leaf_of : (nodes,) leaf of such a node; boxes : (nodes, 6)
+    out : boxes, 48 numbers, and children, 8 numbers, of each wide node
+
+    Returns the number of wide nodes.
+    """
     wide_boxes, wide_children = out
     pending = np.empty(len(children) + 1, np.int32)  # the binary node of each wide node
     pending[0] = 0

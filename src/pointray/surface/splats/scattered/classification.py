@@ -98,16 +98,17 @@ def scattered_places(
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> NDArray[np.bool_]:
-    """Return which of some distinct positions lie on no surface, see `find_scattered`.
+    """Return which of some distinct positions lie on no surface, (n,) bool: leaves, wires and isolated points.
 
     Parameters
     ----------
     places : (n, 3) float32
-        All distinct, in kd order.
+        All distinct, in kd order. Fewer than 17 are all scattered.
     rows : (n,) array of ints
         Ascending index of each position's first point in the kd order of the whole cloud. Coarse scales sample the rows
         of that order, so that a part of it gives the same result as the whole.
     normals : Normals, optional
+        Unit normals of the positions, which can only turn scattered points into surface points.
     """
     if len(places) < FEW:
         return np.ones(len(places), np.bool_)
@@ -115,7 +116,9 @@ def scattered_places(
 
 
 def find_scattered_placed(cloud: Points, placed: Placed, progress: Progress | None = None) -> NDArray[np.bool_]:
-    """Find the scattered points of a smoothed cloud, see `find_scattered`.
+    """Find the points of a smoothed cloud that do not lie on a surface, (n,) bool.
+
+    cloud : the original points; placed : the same points, smoothed, with normals and the removed noise
 
     Points that are scattered in the original cloud but not after smoothing were noise of a surface. But smoothing also
     flattens leaves a little. So spans of 64 points in kd order are classified together, and where noise is unusually
@@ -152,7 +155,10 @@ def _rows(values: Floats, name: str) -> Floats:
 def _scattered(
     positions: Floats, rows: Rows, normals: Normals | None, threads: int | None, progress: Progress | None
 ) -> NDArray[np.bool_]:
-    """Return which of some distinct positions in kd order are scattered."""
+    """Return which of some distinct positions lie on no surface, (n,) bool, from planes fitted at four scales.
+
+    positions : in kd order, at least 17; rows : their indices in the kd order of the whole cloud
+    """
     near = NeighborTree(positions, in_order=True).rows(VOTERS + 1)
     xyz = columns_of(positions)
     report_progress(progress, FOUND)
@@ -176,9 +182,10 @@ def _scattered(
 
 
 class _Parts(NamedTuple):
-    """Consecutive parts of the kd order, their middle points, and the parts around each.
+    """Consecutive parts of n points in kd order, which sample the cloud for planes at a coarse scale.
 
-    rows : (m,) int64, middle points; starts : (m,) int64, first points; part : (n,) int32, part of each point
+    rows : (m,) int64, middle point of each part; starts : (m,) int64, its first point
+    part : (n,) int32, part of each point
     near : (m, 17) int32, each part and the 16 nearest ones by their middle points
     """
 
@@ -188,19 +195,25 @@ class _Parts(NamedTuple):
     near: NDArray[np.int32]
 
     def means(self, values: Floats) -> Floats:
-        """Return, for each point, the mean over its part and those around it."""
+        """Return, for each point, the mean of `values` (n,) over its part and the 16 parts around it."""
         sums = np.add.reduceat(values, self.starts) / np.diff(np.append(self.starts, len(values)))
         return take(sums[self.near].mean(axis=1, dtype=np.float32), self.part)
 
 
 def _starts(rows: Rows, step: int) -> NDArray[np.int64]:
-    """Return the index of the first of `rows` in each span of `step` rows of the whole kd order."""
+    """Return the index of the first of `rows` in each span of `step` rows of the whole kd order, (m,).
+
+    rows : ascending indices in that order
+    """
     number = np.asarray(rows) // step
     return np.flatnonzero(np.append(True, number[1:] != number[:-1]))
 
 
 def _parts(positions: Floats, rows: Rows, step: int) -> _Parts:
-    """Split the kd order into parts of `step` rows, or fewer if there would be fewer than 17 parts."""
+    """Split the kd order into parts of `step` rows, or fewer if there would be fewer than 17 parts.
+
+    positions : (n, 3) in kd order; rows : (n,) their indices in the kd order of the whole cloud
+    """
     starts = _starts(rows, step)
     while len(starts) < FEW and step > 1:
         step //= 2
@@ -232,7 +245,10 @@ def _evidence(
 
 
 def _coarse_planes(positions: Floats, xyz: tuple[Floats, ...], parts: _Parts, threads: int | None) -> LocalPlanes:
-    """Fit planes to the middle points around each part; return them for each point, with the point's own offset."""
+    """Fit planes to the middle points around each part; return them for each point, with the point's own offset.
+
+    positions : (n, 3); xyz : their columns; parts : consecutive points in kd order, with a middle point each
+    """
     middles = positions[parts.rows]
     planes = fit_planes(columns_of(middles), parts.near, (0, FEW), threads)
     spread = LocalPlanes(*(take(values, parts.part) for values in planes))

@@ -23,7 +23,10 @@ LINE_SLIM, WIRES_GAP = 0.2, 2.0
 
 
 class Normals(NamedTuple):
-    """Unit normals, and whether they were fitted to the positions."""
+    """Unit normals of n points, and whether they were fitted to the positions, which makes them weaker evidence.
+
+    xyz : three of (n,) float32
+    """
 
     xyz: tuple[Floats, ...]
     fitted: bool
@@ -37,7 +40,12 @@ def follow_normals(
     evidence: Evidence,
     threads: int | None,
 ) -> None:
-    """Mark points as surface, in place, where the normals follow the curvature."""
+    """Mark points as surface, in place, where normals follow the curvature: arcs through neighbours fit the normals.
+
+    xyz : x, y and z of n points; near : (n, k) rows of each point and its neighbours
+    surface : (n,) 1 for surface points, else 0
+    evidence : planes fitted at four scales; they show lines, along which fitted normals prove nothing
+    """
     *heights, same = off_arcs(xyz, normals.xyz, near, (1, AROUND), threads)
     arc, plane = (medians(values, near, threads) for values in heights)
     follows = (plane < FLAT) | ((arc < ARCS_OFF) & (arc < ARCS * plane)) | (same >= IN_PLANE)
@@ -47,7 +55,11 @@ def follow_normals(
 
 
 def _off_lines(near: NDArray[np.int32], evidence: Evidence, threads: int | None) -> NDArray[np.bool_]:
-    """Return where neighbourhoods are neither lines nor wires side by side."""
+    """Return where a point's neighbours form neither a line nor wires side by side, (n,).
+
+    near : (n, k) rows of each point and its neighbours; evidence : planes fitted at four scales, with variances and
+        reach
+    """
     slim, slimmer = (medians(values, near, threads) for values in evidence.slimnesses[1:3])
     wide, far = (medians(values, near, threads) for values in evidence.reaches[1:])
     wires = (far > WIRES_GAP * wide) & (slimmer < STRIP_SLIMNESS)

@@ -19,7 +19,7 @@ ISLANDS = 64  # larger groups of surface points keep their class
 
 @inline
 def _root(parents: Array, i: int) -> int:
-    """Return the root of a point's group, with path compression."""
+    """Return the root of a point's group (union-find, with path compression). parents : (n,) parent of each point"""
     while parents[i] != i:
         parents[i] = parents[i64(parents[i])]
         i = i64(parents[i])
@@ -28,9 +28,12 @@ def _root(parents: Array, i: int) -> int:
 
 @kernel
 def _join(surface: Array, near: Array, width: int, parents: Array, sizes: Array, contacts: Array) -> int:
-    """Join neighbours of the same class; count the points of each group and its links to the other class at its root.
+    """Join neighbours of the same class to groups (union-find) and measure how enclosed each group is.
 
-    near : flat; parents : (n,) int32, initially each point itself
+    surface : (n,) class of each point, 1 or 0; near : flat, `width` rows for each point: the point, then its neighbours
+    parents : (n,) int32, initially each point itself; becomes the group's root
+    sizes : (n,) output, number of points of a group, at its root
+    contacts : (n,) output, number of pairs of neighbours of which only one is in the group, at its root
     """
     surface, near, parents = borrow(surface), borrow(near), borrow(parents)
     sizes, contacts = borrow(sizes), borrow(contacts)
@@ -56,10 +59,10 @@ def _join(surface: Array, near: Array, width: int, parents: Array, sizes: Array,
 
 
 def absorb_islands(surface: Floats, alone: Floats, near: NDArray[np.int32]) -> Floats:
-    """Return the class of points after small groups took that of the points that enclose them.
+    """Return the class of points after small groups took that of the points that enclose them, (n,).
 
     surface : (n,) 1 for surface points, else 0; alone : (n,) over 0 for points that never become surface
-    near : (n, 17) int32, each point and its nearest neighbours
+    near : (n, 17) int32, rows of each point and its nearest neighbours
     """
     if surface.all():
         return surface

@@ -20,24 +20,33 @@ Floats = NDArray[np.float32]
 
 
 class ScatteredPoints(NamedTuple):
-    """Scattered points of a model or of a level of detail. radii : (n,) float32"""
+    """Scattered points of a model or of a level of detail, with the radii of their spheres or discs.
+
+    points : with directions as normals; radii : (n,) float32
+    """
 
     points: Points
     radii: Floats
 
     def splats(self, first: int) -> Splats:
-        """Return the points as splats with consecutive rows, starting with `first`."""
+        """Return the points as splats whose `rows` count up from `first`."""
         points = self.points
         rows = np.arange(first, first + len(points), dtype=np.int32)
         return Splats(points.positions, np.asarray(points.normals), self.radii, rows, points.colors)
 
     def drawing(self, scatter: str, cell: float) -> Drawing:
-        """Return how the points are drawn, with the size for which `cell` is their spacing."""
+        """Return how to draw the points, with the factor for radii for which `spacing_of` returns `cell`.
+
+        scatter : "spheres", "discs" or "none"; cell : edge length of the grid cells that the points were averaged in
+        """
         return Drawing(scatter, float(np.median(self.radii)) * TYPICAL / (SIZE * cell))
 
 
 def spacing_of(radii: Floats, drawing: Drawing) -> float:
-    """Return the spacing that corresponds to the radii of scattered points."""
+    """Return the median support radius that a surface as dense as these scattered points would have.
+
+    radii : (n,) of their spheres or discs. The result is comparable with the spacing of models that have a surface.
+    """
     return float(np.median(radii)) * TYPICAL / (SIZE * drawing.size)
 
 
@@ -49,7 +58,7 @@ def uniform_normals(count: int) -> Floats:
 def coarsen_scattered(
     scattered: ScatteredPoints, cell: float, groups: Groups | None = None, categories: Collection[str] | None = None
 ) -> ScatteredPoints:
-    """Average the points in each grid cell.
+    """Make a coarser level of detail: average the scattered points in each grid cell to one.
 
     The sphere of a cell covers as much of it as the original spheres do on average at random positions, so that a crown
     stays equally dense.
@@ -62,7 +71,7 @@ def coarsen_scattered(
     groups : Groups, optional
         The points of each cell. Default: all points, in a grid that starts at their least coordinates.
     categories : collection of str, optional
-        Names of the categorical attributes, see `attribute_averages`.
+        Names of the attributes whose most common value is taken, not the mean. Default: detected from the values.
     """
     points = scattered.points
     if groups is None:

@@ -24,9 +24,11 @@ Nine: TypeAlias = tuple[F16, F16, F16, F16, F16, F16, F16, F16, F16]
 
 
 class Limits(NamedTuple):
-    """Limits of one scale for the neighbourhood of a surface point.
+    """Limits of the measurements of a surface point's neighbourhood at one scale.
 
-    bend : mean squared sine between neighbouring planes; thickness, offset : in spacings; slimness : lower limit
+    bend : mean squared sine between the normals of neighbouring planes, at most
+    thickness, offset : of the neighbours and of the point from the fitted plane, in spacings, at most
+    slimness : second largest variance of the neighbours over the largest, at least; 0 on a line
     """
 
     bend: float
@@ -51,10 +53,17 @@ KEEP, LOSE = 10, 7  # of 16 neighbours: with at least KEEP surface points a poin
 
 
 class Evidence(NamedTuple):
-    """Measurements of n points at the four scales, (n,) float32 each, see `LocalPlanes`.
+    """Measurements of n points at four scales, from which `judge` finds the points on a surface; (n,) float32 each.
 
-    Offsets at the two coarse scales are from the plane of the point's own part of the kd order; `coarse` and `coarsest`
-    are the normals of these planes. reaches : of the 8 nearest, of the 16 nearest, and of every 4th point
+    The scales are the 8 and the 16 nearest neighbours, and every 4th and every 16th point in kd order. At each, planes
+    are fitted to the neighbours.
+
+    bends : mean squared sine between the normals of neighbouring planes
+    thicknesses : standard deviation of the neighbours from the plane
+    slimnesses : second largest variance of the neighbours over the largest, 0 on a line
+    offsets : signed distance of the point from the plane, at the coarse scales from that of its part of the kd order
+    coarse, coarsest : x, y and z of the normals at the two coarse scales
+    reaches : distance of the farthest of the 8 nearest, of the 16 nearest, and of the neighbours among every 4th point
     """
 
     bends: tuple[Floats, ...]
@@ -88,7 +97,10 @@ def _middle(v: Nine) -> F16:
 
 @inline
 def _median(values: Array, near: Array, start: int, width: int) -> F16:
-    """Return the median over the first AROUND neighbours of each of 16 points. near : flat"""
+    """Return the median of values over each of 16 points and its 8 nearest neighbours.
+
+    near : flat, `width` rows for each point: the point, then its neighbours; start : where the 16 points begin in it
+    """
     return _middle(
         (
             gather16(values, near, start, width),
@@ -106,14 +118,23 @@ def _median(values: Array, near: Array, start: int, width: int) -> F16:
 
 @inline
 def _off(xyz: Xyz, normals: Xyz, offsets: Array, own: Triple, near: Array, start: int, width: int) -> F16:
-    """Return the distances of 16 points from the plane of one neighbour's part."""
+    """Return the distances of 16 points from a plane that belongs to one neighbour each.
+
+    xyz, normals, offsets : of all points: position, normal of a plane near it, and signed distance from that plane
+    own : positions of the 16 points; near : flat rows of neighbours, `width` for each point
+    start : index in `near` of the first point's neighbour
+    """
     away = difference(own, gather_triple(xyz, near, start, width))
     return vabs(inner(away, gather_triple(normals, near, start, width)) + gather16(offsets, near, start, width))
 
 
 @inline
 def _median_off(xyz: Xyz, normals: Xyz, offsets: Array, at: int, near: Array, width: int) -> F16:
-    """Return the median distances of 16 points from the planes of their first AROUND neighbours' parts."""
+    """Return the median distances of 16 points from the planes that belong to them and to their 8 nearest neighbours.
+
+    xyz, normals, offsets : of all points: position, normal of a plane near it, and signed distance from that plane
+    at : first of the 16 points; near : flat, `width` rows for each point: the point, then its neighbours
+    """
     own, start = load_triple(xyz, at), at * width
     return _middle(
         (
@@ -132,7 +153,11 @@ def _median_off(xyz: Xyz, normals: Xyz, offsets: Array, at: int, near: Array, wi
 
 @inline
 def _within(limits: Limits, bend: F16, thickness: F16, offset: F16, spacing: F16) -> Mask:
-    """Return whether a neighbourhood is thin and smooth and the point is on its plane."""
+    """Return which of 16 neighbourhoods are thin and smooth and have the point on their plane.
+
+    bend : mean squared sine between neighbouring planes; thickness : of the neighbourhood; offset : of the point from
+        the plane; spacing : local distance of points, the unit of the limits of these two
+    """
     thin = thickness < limits.thickness * spacing
     return (bend < limits.bend) & thin & (offset < limits.offset * spacing)
 
@@ -148,7 +173,13 @@ def _judge(
     reaches: Xyz,
     out: tuple[Array, Array],
 ) -> int:
-    """Write whether each point is on a surface, and whether it is alone, 1 or 0. scales : see `Evidence`"""
+    """Write whether each point is on a surface, and whether it is isolated from its neighbours, 1 or 0.
+
+    xyz : x, y and z of n points; near : flat, `width` rows for each point: the point, then its neighbours
+    scales : of planes at four scales the mean squared sine between neighbours, the deviation of the neighbours, the
+        ratio of their variances, and the distance of the point
+    normals : of the planes at the two coarse scales; reaches : distances of the farthest neighbours at three scales
+    """
     xyz, near, scales, normals, reaches = borrow(xyz), borrow(near), borrow(scales), borrow(normals), borrow(reaches)
     (bends, thicknesses, slimnesses, offsets), (surface, alone) = scales, borrow(out)
     tile = next_tile(work)
@@ -193,7 +224,12 @@ def _judge(
 def _vote(
     work: Array, before: Array, alone: Array, near: Array, width: int, limits: tuple[int, int], out: Array
 ) -> int:
-    """Reclassify points that are not alone by the votes of their VOTERS neighbours. limits : KEEP and LOSE"""
+    """Write which points are on a surface after votes: points take the class of most of their 16 neighbours.
+
+    before : (n,) 1 for surface points, else 0; alone : (n,) over 0 for isolated points, which get 0
+    near : flat, `width` rows for each point: the point, then its neighbours
+    limits : number of surface points among the neighbours from which, and below which, a point changes its class
+    """
     before, alone, near, out = borrow(before), borrow(alone), borrow(near), borrow(out)
     keep, lose = f32(limits[0]), f32(limits[1])
     tile = next_tile(work)
@@ -210,7 +246,10 @@ def _vote(
 
 @kernel
 def _medians(work: Array, values: Array, near: Array, width: int, out: Array) -> int:
-    """Write the median of the values over each point's first AROUND neighbours. near : flat"""
+    """Write the median of the values over each point and its 8 nearest neighbours.
+
+    near : flat, `width` rows for each point: the point, then its neighbours
+    """
     values, near, out = borrow(values), borrow(near), borrow(out)
     tile = next_tile(work)
     while tile >= 0:
@@ -224,7 +263,11 @@ def _medians(work: Array, values: Array, near: Array, width: int, out: Array) ->
 def judge(
     xyz: tuple[Floats, ...], near: NDArray[np.int32], evidence: Evidence, threads: int | None = None
 ) -> tuple[Floats, Floats]:
-    """Return which points are on a surface by their own neighbourhood, and which are alone; 1 or 0, (n,) each."""
+    """Return which points are on a surface, from their own neighbourhoods, and which are isolated; 1 or 0, (n,) each.
+
+    xyz : x, y and z of n points; near : (n, k) rows of each point and its neighbours
+    evidence : planes fitted to these at four scales
+    """
     surface, alone = np.empty((2, len(near)), np.float32)
     normals, tiles = (evidence.coarse, evidence.coarsest), -(-len(near) // CHUNK)
     rest = near.reshape(-1), near.shape[1], evidence[:4], normals, evidence.reaches, (surface, alone)
@@ -235,14 +278,22 @@ def judge(
 def vote(
     surface: Floats, alone: Floats, near: NDArray[np.int32], limits: tuple[int, int], threads: int | None = None
 ) -> Floats:
-    """Return which points are on a surface after one round of votes."""
+    """Return which points are on a surface after one round of votes by their 16 nearest neighbours; 1 or 0, (n,).
+
+    surface : (n,) classes before; alone : (n,) over 0 for isolated points, which get 0
+    near : (n, k) rows of neighbours
+    limits : number of surface neighbours from which a point becomes surface, and below which it becomes scattered
+    """
     out = np.empty(len(near), np.float32)
     run(_vote, -(-len(out) // CHUNK), surface, alone, near.reshape(-1), near.shape[1], limits, out, threads=threads)
     return out
 
 
 def medians(values: Floats, near: NDArray[np.int32], threads: int | None = None) -> Floats:
-    """Return the median of values over each point and its 8 nearest neighbours."""
+    """Return the median of values (n,) over each point and its 8 nearest neighbours, (n,).
+
+    near : (n, k) rows of each point and its neighbours
+    """
     out = np.empty(len(near), np.float32)
     run(_medians, -(-len(out) // CHUNK), values, near.reshape(-1), near.shape[1], out, threads=threads)
     return out

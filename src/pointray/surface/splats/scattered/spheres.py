@@ -45,19 +45,19 @@ class Drawing(NamedTuple):
 
     @property
     def is_apart(self) -> bool:
-        """Whether scattered points are detected and drawn separately or not at all."""
+        """Whether scattered points are detected, and drawn separately or not at all."""
         return self.scatter != AS_SURFACE
 
     @property
     def facts(self) -> dict[str, Any]:
-        """Entries in files; empty where points are drawn as a surface, as in files of earlier releases."""
+        """Settings for a model's files: both fields by name; empty for "surface", as in files of earlier releases."""
         if self == ALL_SURFACE:
             return {}
         return {"scatter": self.scatter, "scatter_size": self.size}
 
     @property
     def kind(self) -> int:
-        """Kind of leaf: SPHERES or DISCS."""
+        """Shape of scattered points in a tree: SPHERES or DISCS."""
         return DISCS if self.scatter == "discs" else SPHERES
 
 
@@ -65,14 +65,17 @@ ALL_SURFACE = Drawing(AS_SURFACE, 1.0)
 
 
 def check_drawing(scatter: str, scatter_size: float, sized: bool = False) -> Drawing:
-    """Check the parameters `scatter` and `scatter_size` of `Model`. sized : whether the points have radii"""
+    """Check the parameters `scatter` and `scatter_size` of `Model` and return them as a `Drawing`.
+
+    sized : whether the points have radii; then "auto" means "surface", otherwise "spheres"
+    """
     if check_choice(scatter, "scatter", (AUTO, *SCATTER)) == AUTO:
         scatter = AS_SURFACE if sized else AS_SPHERES
     return Drawing(scatter, check_positive(scatter_size, "scatter_size"))
 
 
 def check_mask(mask: ArrayLike | None, count: int) -> NDArray[np.bool_] | None:
-    """Check a mask of scattered points: `count` bools, or None."""
+    """Return a mask of scattered points as an array; raise ValueError unless it has `count` bools. None stays None."""
     if mask is None:
         return None
     try:
@@ -87,7 +90,7 @@ def check_mask(mask: ArrayLike | None, count: int) -> NDArray[np.bool_] | None:
 def make_scattered(
     points: Points, mask: NDArray[np.bool_], rows: NDArray[np.int32], drawing: Drawing, given: Floats | None = None
 ) -> Splats:
-    """Return the scattered points of a cloud as splats with radii and directions, see `shapes_of`.
+    """Return the scattered points of a cloud as splats with radii and directions, to be drawn as spheres or discs.
 
     Parameters
     ----------
@@ -131,8 +134,10 @@ def shapes_of(
     ----------
     points : Points
         Finite.
-    along : Path
+    along : KdOrdering
         Their kd order.
+    drawing : Drawing
+        Spheres or discs, and a factor for their radii.
     given : (n,) float32, optional
         Radii. Default: 0.35 times the mean distance to the 8 nearest other positions, limited by the neighbours' radii,
         by the 98th percentile of all (rounded up to 8 bits), and to less than 2% of an image that the cloud fills.
@@ -167,9 +172,9 @@ def shapes_of(
 def _at_places(
     places: Floats, some: NDArray[np.int64], sampled: NDArray[np.int64], statistics: CloudStatistics
 ) -> tuple[Floats, Floats]:
-    """Return radii (m,) and directions (m, 3) of spheres at some of the distinct positions in kd order, 0 at others.
+    """Return radii (n,) and directions (n, 3) of spheres at some of n distinct positions in kd order, 0 at others.
 
-    sampled : rows that determine the largest radius
+    some : rows of these positions; sampled : rows that determine the largest radius
     """
     tree, count = NeighborTree(places, in_order=True), min(AROUND + 1, len(places))
     radii, outwards = np.zeros(len(places), np.float32), np.zeros_like(places)
@@ -198,7 +203,10 @@ def _at_places(
 
 
 def _across(places: Floats, outwards: Floats) -> Floats:
-    """Return normals of the planes through the neighbours of positions in kd order, on the side of their directions."""
+    """Return normals of the planes through the neighbours of positions, for discs, on the side of `outwards`, (n, 3).
+
+    places : (n, 3) in kd order; outwards : (n, 3) directions in which their neighbourhoods are open
+    """
     if len(places) <= FLAT:
         return outwards
     planes = fit_planes(columns_of(places), NeighborTree(places, in_order=True).rows(FLAT), (0, FLAT))
@@ -207,7 +215,7 @@ def _across(places: Floats, outwards: Floats) -> Floats:
 
 
 def unit_vectors(vectors: Floats) -> Floats:
-    """Normalize vectors; zero vectors become (0, 0, 1)."""
+    """Normalize vectors (n, 3); zero vectors become (0, 0, 1)."""
     size = np.linalg.norm(vectors, axis=1, keepdims=True)
     known = size > 0
     out = np.divide(vectors, size, out=np.zeros_like(vectors), where=known)
