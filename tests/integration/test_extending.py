@@ -35,24 +35,25 @@ CAMERA = pr.Camera.look_at((0, -4, 1), (0, 0, 0), size=(24, 16))
 
 CUBES = """
 import numpy as np
-from pointray.io.formats._source import NO, SURE, Chunk, Format, Listing, WholeFile
+from pointray.io.formats._source import NO, SURE, Chunk, Format, Listing, Source
 
-def rows_of(path):
-    rows = np.loadtxt(path, ndmin=2, skiprows=1)
-    if rows.shape[1:] != (3,):
-        raise ValueError("has rows of other than three numbers")
-    return Chunk(rows)
+class CubesFile(Source):
+    def __init__(self, path):
+        self.listing, self._path = Listing(None, 24), path
 
-def open_cubes(path, request):
-    return WholeFile(Listing(None, 24), lambda: rows_of(path))
+    def chunks(self):
+        rows = np.loadtxt(self._path, ndmin=2, skiprows=1)
+        if rows.shape[1:] != (3,):
+            raise ValueError("has rows of other than three numbers")
+        yield Chunk(rows)
 
 def write(file, points, progress=None):
     file.write(b"cubes\\n")
     np.savetxt(file, points.world)
     return ["cannot store normals"]
 
-FORMAT = Format("Cubes", (".cubes",), lambda head, path: SURE if head.startswith(b"cubes") else NO, open_cubes,
-                {"positions": "all"}, write=write)
+FORMAT = Format("Cubes", (".cubes",), lambda head, path: SURE if head.startswith(b"cubes") else NO,
+                lambda path, request: CubesFile(path), {"positions": "all"}, write=write)
 """
 
 CONVERT = """

@@ -185,24 +185,6 @@ class Source(ABC):
         self.close()
 
 
-class WholeFile(Source):
-    """A file read in one go, by a library that cannot read it in parts.
-
-    Parameters
-    ----------
-    listing : Listing
-        What the header announces.
-    load : callable
-        Returns all rows as one chunk.
-    """
-
-    def __init__(self, listing: Listing, load: Callable[[], Chunk]) -> None:
-        self.listing, self._load = listing, load
-
-    def chunks(self) -> Iterator[Chunk]:
-        yield self._load()
-
-
 Writer = Callable[[Any, Points, Progress | None], list[str]]
 
 

@@ -9,7 +9,7 @@ leaves, columns : slab and tight box of each voxel; a slab for each of its 4 x 4
 wide : boxes in nodes of eight
 scattered : a tree over scattered points, under one root with that of the surface
 stored, parts : reading splats back from a tree; helpers for models in parts
-indices, check : validation of trees from files; check of all invariants, for tests
+indices : validation of trees from files
 instance_bvh : BVH over the instances of a scene, also used for its lights (`shade/tables.py`)
 
 Start with build, then cells, then leaves.

@@ -9,6 +9,7 @@ import pointray as pr
 from helpers.clouds import sphere_points, uneven_points
 from helpers.marks import long, long_scan
 from helpers.places import shared_model
+from helpers.tree_check import check_tree
 from pointray.cloud.neighbors import kd_order
 from pointray.engine.kernels.tree import LEAF, LEAST, NO_SURFACE, STEP
 from pointray.model.model import PrebuiltModel
@@ -16,7 +17,6 @@ from pointray.model.model_data import ModelData
 from pointray.surface.splats.scattered.spheres import Drawing
 from pointray.surface.tree.build import Splats, build_tree
 from pointray.surface.tree.cells import MOST_LEAST
-from pointray.surface.tree.check import check_tree
 from pointray.surface.tree.settings import LEAF_WIDTH, TreeSettings, check_settings
 from pointray.surface.tree.stored import stored_splats
 

@@ -8,11 +8,11 @@ import pytest
 import pointray as pr
 from helpers.marks import long
 from helpers.naive import intersect_scattered, walk
+from helpers.tree_check import check_tree
 from pointray.cloud.kd_ordering import compute_kd_ordering
 from pointray.cloud.statistics import CloudStatistics
 from pointray.engine.kernels.tree import NO_CHILD, SCATTERED, first_scattered
 from pointray.surface.splats.scattered.spheres import Drawing, shapes_of
-from pointray.surface.tree.check import check_tree
 from pointray.surface.tree.indices import check_indices
 from pointray.surface.tree.scattered import scattered_of
 

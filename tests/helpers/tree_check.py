@@ -1,4 +1,4 @@
-"""Check of all invariants of a tree, see `engine/kernels/tree.py`; slow and simple, with NumPy, for tests."""
+"""Check of all invariants of a tree, see `engine/kernels/tree.py`; slow and simple, with NumPy."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ...engine.jit import uncompiled
-from ...engine.kernels import tree as tr
-from ...engine.kernels.tree import Tree, first_scattered
-from .columns import across
-from .indices import check_lengths
+from pointray.engine.jit import uncompiled
+from pointray.engine.kernels import tree as tr
+from pointray.engine.kernels.tree import Tree, first_scattered
+from pointray.surface.tree.columns import across
+from pointray.surface.tree.indices import check_lengths
 
 Floats = NDArray[np.float32]
 
