@@ -92,7 +92,7 @@ def _radiance(links: Links, at: int, sources: Array, lamps: Array) -> Vec3:
 
 
 @kernel
-def add_irradiance(work: Array, links: Links, sources: Array, lamps: Array, every: int, out: Array) -> int:
+def add_irradiance(work: Array, links: Links, sources: Array, lamps: Array, every: int, out: Array) -> None:
     """Add what arrives along links (rays from patches to sources of light) to the irradiance of their patches.
 
     It is pi times the mean radiance of a patch's links, as these are cosine-distributed.
@@ -118,13 +118,12 @@ def add_irradiance(work: Array, links: Links, sources: Array, lamps: Array, ever
             for c in range(3):
                 out[patch + c] += f32(total[c])
         chunk = next_tile(work)
-    return 0
 
 
 @kernel
 def reflect(
     work: Array, arriving: tuple[Array, Array], surface: tuple[Array, Array], sources: Array, changes: Array
-) -> int:
+) -> None:
     """Write the radiance that each patch emits and reflects: emission + albedo / pi * irradiance.
 
     arriving : irradiance from lights, and along links; surface : albedo, and emitted radiance; all (patches * 3,)
@@ -148,7 +147,6 @@ def reflect(
                 sources[at] = light
         changes[2 * chunk], changes[2 * chunk + 1] = change, total
         chunk = next_tile(work)
-    return 0
 
 
 @inline
@@ -191,7 +189,7 @@ def _write_moments(sums: Array, normal: Vec3, scaled: float, out: Array, at: int
 @kernel
 def add_facts(
     work: Array, links: Links, patches: Patches, sources: Array, lamps: Array, moments: Array, out: Array
-) -> int:
+) -> None:
     """Add the contribution of links (rays from patches to sources of light) to all values of patches but irradiance.
 
     These are spherical harmonics of the arriving light minus those of uniform light, the fraction of links that lead to
@@ -232,7 +230,6 @@ def add_facts(
                 variance = 0.5 * square / pairs * math.pi**2 / count
                 out[FACTS * patch + VARIANCE] += f32(variance * links.share[m] ** 2)
         chunk = next_tile(work)
-    return 0
 
 
 @inline
@@ -250,7 +247,7 @@ def _is_blocked_by_lamp(world: World, patches: Patches, patch: int, d: Vec3, lin
 
 
 @kernel
-def hide_links(work: Array, world: World, links: Links, patches: Patches) -> int:
+def hide_links(work: Array, world: World, links: Links, patches: Patches) -> None:
     """Mark in `links.hidden` the links (rays from patches to sources of light) that an area light blocks.
 
     Area lights that are not seen in mirrors are ignored when links are found, so that these can be reused when lights
@@ -270,4 +267,3 @@ def hide_links(work: Array, world: World, links: Links, patches: Patches) -> int
                 if _is_blocked_by_lamp(world, patches, patch, d, i64(links.links[m * count + k])):
                     links.hidden[at + k // 8] |= 1 << (k % 8)
         chunk = next_tile(work)
-    return 0

@@ -331,7 +331,7 @@ def _find_suns(
 
 
 @kernel
-def send_rays(work: Array, world: World, patches: Patches, targets: Targets, rays: Rays, found: Found) -> int:
+def send_rays(work: Array, world: World, patches: Patches, targets: Targets, rays: Rays, found: Found) -> None:
     """Send the rays of the selected patches and store what they find, tile by tile.
 
     targets : maps a hit to a patch; rays : which of three kinds to send, and their parameters; found : results
@@ -351,4 +351,3 @@ def send_rays(work: Array, world: World, patches: Patches, targets: Targets, ray
             _find_suns(world, patches, tile, rays, found, scratch)
         at = next_tile(work)
     keep_alive(memory)
-    return 0

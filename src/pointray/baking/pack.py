@@ -53,7 +53,7 @@ def blend(around: Array, weights: Array, values: Array, size: int, i: int, out: 
 
 
 @kernel
-def pack(work: Array, around: Array, weights: Array, values: Array, scale: float, out: Array) -> int:
+def pack(work: Array, around: Array, weights: Array, values: Array, scale: float, out: Array) -> None:
     """Interpolate the light of patches to splats, and encode it as 16-byte records.
 
     around, weights : the AROUND patches near each block, and their weights for each splat; if empty, each record is
@@ -74,4 +74,3 @@ def pack(work: Array, around: Array, weights: Array, values: Array, scale: float
                     blended[c] = values[i * PER_PATCH + c]
             write_record(blended, scale, out, i * RECORD)
         chunk = next_tile(work)
-    return 0

@@ -281,7 +281,7 @@ def _blend(
     count: int,
     weights: Array,
     patch_of: Array,
-) -> int:
+) -> None:
     """Compute the weights with which light is interpolated from patches to each splat of some blocks.
 
     tables : positions and normals of splats, then of patches; flat float32
@@ -313,4 +313,3 @@ def _blend(
                 share = found[k] / most if faces else f32(k == best)
                 weights[i * AROUND + k] = np.uint8(share * f32(255.0) + f32(0.5))
         tile = next_tile(work)
-    return 0

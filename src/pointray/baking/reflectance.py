@@ -31,7 +31,7 @@ def _reflected(world: World, material: int, color: Vec3) -> Vec3:
 
 
 @kernel
-def find_reflectances(work: Array, world: World, out: Array) -> int:
+def find_reflectances(work: Array, world: World, out: Array) -> None:
     """Compute the albedo in uniform light of all materials, which is linear in the surface's colour.
 
     out : (materials * 2,) float64, written: albedo of a black surface, and how much that of a white one exceeds it
@@ -43,4 +43,3 @@ def find_reflectances(work: Array, world: World, out: Array) -> int:
         white = _reflected(world, material * MATERIAL_SIZE, (1.0, 1.0, 1.0))[0]
         out[2 * material], out[2 * material + 1] = black, white - black
         material = next_tile(work)
-    return 0

@@ -36,7 +36,7 @@ class Sky(NamedTuple):
 
 
 @kernel
-def _average(work: Array, world: World, samples: int, out: Array) -> int:
+def _average(work: Array, world: World, samples: int, out: Array) -> None:
     """Average the sky over each texel of the octahedral map, at samples x samples points.
 
     out : (texels * PER_TEXEL,) float32, written: mean radiance, and mean of direction times luminance
@@ -54,7 +54,6 @@ def _average(work: Array, world: World, samples: int, out: Array) -> int:
             out[PER_TEXEL * texel + c] = f32(total[c] * size)
             out[PER_TEXEL * texel + 3 + c] = f32(middle[c] * size)
         texel = next_tile(work)
-    return 0
 
 
 def sample_sky(world: World) -> Sky:

@@ -48,7 +48,7 @@ def smooth(
     values: Array,
     out: Array,
     count_of: Array,
-) -> int:
+) -> None:
     """Reduce noise: average the values of the patches of one side of an instance with those of their neighbours.
 
     places : positions, normals, mean inverse distances of the surfaces that patches see, and trust, (patches,) float32,
@@ -91,4 +91,3 @@ def smooth(
             for c in range(size):
                 out[i * size + c] = out[i * size + c] / total if total > f32(0.0) else values[i * size + c]
         chunk = next_tile(work)
-    return 0

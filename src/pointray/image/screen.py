@@ -35,7 +35,7 @@ def _table(curve: str) -> Rgb8:
 
 
 @kernel
-def _to_8bit(work: Array, image: Array, backdrop: Array, gain: float, table: Array, out: Array) -> int:
+def _to_8bit(work: Array, image: Array, backdrop: Array, gain: float, table: Array, out: Array) -> None:
     """Composite an image over a backdrop and convert it to 8-bit sRGB, in blocks of rows.
 
     image : (h, w, 4) float32, linear, premultiplied; backdrop : (h, 3) float32, linear, one colour a row
@@ -54,7 +54,6 @@ def _to_8bit(work: Array, image: Array, backdrop: Array, gain: float, table: Arr
                     value = value if value < WHITEST else WHITEST
                     out[y, x, c] = table[(float_bits(value) >> SHIFT) - _FIRST]
         block = next_tile(work)
-    return 0
 
 
 def _before(curve: str, shown: Floats) -> Floats:

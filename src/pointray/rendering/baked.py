@@ -73,11 +73,10 @@ def _integrate_baked(world: World, camera: Array, job: Pass, sample: int, scratc
 
 
 @kernel
-def baked_frame(work: Array, world: World, camera: Array, job: Pass, film: Array, image: Array) -> int:
+def baked_frame(work: Array, world: World, camera: Array, job: Pass, film: Array, image: Array) -> None:
     """Render blocks of an image with the integrator "baked": direct light, and indirect light baked in advance.
 
     work : counter from which threads take blocks; camera : (16,), eye, axes, projection and lens
     film : (h, w, k), sums of the samples, or empty; image : (h, w, 4), their means
     """
     render_tiles(_integrate_baked, work, world, camera, job, film, image)
-    return 0

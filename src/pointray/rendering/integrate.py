@@ -325,22 +325,20 @@ def _integrate_sampled(world: World, camera: Array, job: Pass, sample: int, scra
 
 # Two kernels, not one an integrator: the traversal in each takes about 20 s to compile.
 @kernel
-def quick_frame(work: Array, world: World, camera: Array, job: Pass, film: Array, image: Array) -> int:
+def quick_frame(work: Array, world: World, camera: Array, job: Pass, film: Array, image: Array) -> None:
     """Render blocks of an image with the integrator "phong", "normal", "depth", "color" or "cost", as set in `job`.
 
     work : counter from which threads take blocks; camera : (16,), eye, axes, projection and lens
     film : (h, w, k), sums of the samples, or empty; image : (h, w, 4), their means
     """
     render_tiles(_integrate_quick, work, world, camera, job, film, image)
-    return 0
 
 
 @kernel
-def sampled_frame(work: Array, world: World, camera: Array, job: Pass, film: Array, image: Array) -> int:
+def sampled_frame(work: Array, world: World, camera: Array, job: Pass, film: Array, image: Array) -> None:
     """Render blocks of an image with the integrator "ao" or "path", as set in `job`.
 
     work : counter from which threads take blocks; camera : (16,), eye, axes, projection and lens
     film : (h, w, k), sums of the samples, or empty; image : (h, w, 4), their means
     """
     render_tiles(_integrate_sampled, work, world, camera, job, film, image)
-    return 0

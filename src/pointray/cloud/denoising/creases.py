@@ -204,7 +204,7 @@ def store_model(memory: Neighbors, count: int, unit: float, weight: float, out: 
 
 
 @kernel
-def _fit(work: Array, positions: Array, rows: Array, near: Array, errors: Array, residuals: Array, out: Array) -> int:
+def _fit(work: Array, positions: Array, rows: Array, near: Array, errors: Array, residuals: Array, out: Array) -> None:
     """Write the best crease (two or three planes that meet) of each row to `out` where it fits better than a quadric.
 
     work : gives each thread its next tile, 256 rows
@@ -230,7 +230,6 @@ def _fit(work: Array, positions: Array, rows: Array, near: Array, errors: Array,
             if better and points * (residual * residual - apart) > PROOF * square:
                 store_model(memory, count, unit, (square / max(apart, 0.25 * square)) ** 2, out[i])
         tile = next_tile(work)
-    return 0
 
 
 def fit_creases(positions: Floats, rows: NDArray[np.int64], near: NDArray[np.int32], errors: Floats) -> Floats:

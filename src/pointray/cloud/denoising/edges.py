@@ -114,7 +114,7 @@ def _settle(
     fitted_rows: Array,
     models: Array,
     out: Array,
-) -> int:
+) -> None:
     """Compute how points near edges and corners move: the mean of the moves onto the rounded edges fitted nearby.
 
     work : gives each thread its next tile, 512 rows
@@ -151,7 +151,6 @@ def _settle(
                 out[i, 0], out[i, 1], out[i, 2] = s0 / total, s1 / total, s2 / total
                 out[i, 3], out[i, 4], out[i, 5], out[i, 6] = n0 / length, n1 / length, n2 / length, 1.0
         tile = next_tile(work)
-    return 0
 
 
 class Edges:

@@ -32,7 +32,7 @@ SHIFT, BEYOND, ERROR, SQUARE, FOUND = 0, 9, 10, 11, 12
 @kernel
 def _fit(
     work: Array, positions: Array, rows: Array, near: Array, normals: Array, sizes: Array, noise: Array, out: Array
-) -> int:
+) -> None:
     """Fit quadrics of several sizes to the neighbours of each row; write the result of the best one to `out`.
 
     work : gives each thread its next tile, 512 rows
@@ -64,7 +64,6 @@ def _fit(
                     unit = ONE if SHIFT + 3 <= c < BEYOND else memory.units[lane]
                     out[first + lane, c] = found[LANES * c + lane] * unit
         tile = next_tile(work)
-    return 0
 
 
 @inline

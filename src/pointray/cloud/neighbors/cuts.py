@@ -89,17 +89,16 @@ def _part_of(bits: Array, i: int, row: int, cuts: Cuts) -> int:
 
 
 @kernel
-def _find_parts(work: Array, bits: Array, row: int, cuts: Cuts, parts: Array) -> int:
+def _find_parts(work: Array, bits: Array, row: int, cuts: Cuts, parts: Array) -> None:
     tile = next_tile(work)
     while tile >= 0:
         for i in range(tile * DIGITS, min((tile + 1) * DIGITS, len(bits))):
             parts[i] = _part_of(bits, i, row + i, cuts)
         tile = next_tile(work)
-    return 0
 
 
 @kernel
-def _count_upper(work: Array, bits: Array, row: int, cuts: Cuts, slots: Array, bounds: Array, counts: Array) -> int:
+def _count_upper(work: Array, bits: Array, row: int, cuts: Cuts, slots: Array, bounds: Array, counts: Array) -> None:
     """Find the extent of each range of points that is to be split, and count coordinates by their upper 16 bits.
 
     The first pass of a radix selection of split coordinates, which are compared as integers, see `_key`. Each tile
@@ -121,11 +120,10 @@ def _count_upper(work: Array, bits: Array, row: int, cuts: Cuts, slots: Array, b
                     bounds[tile, span, 3 + c] = max(bounds[tile, span, 3 + c], key)
                     counts[tile, span, c, key >> HALF] += 1
         tile = next_tile(work)
-    return 0
 
 
 @kernel
-def _count_lower(work: Array, bits: Array, row: int, cuts: Cuts, slots: Array, chosen: Array, counts: Array) -> int:
+def _count_lower(work: Array, bits: Array, row: int, cuts: Cuts, slots: Array, chosen: Array, counts: Array) -> None:
     """Count the points of each range that is to be split by the lower 16 bits of their coordinate.
 
     The second pass of a radix selection: only points count whose upper 16 bits are those of the split coordinate.
@@ -145,11 +143,10 @@ def _count_lower(work: Array, bits: Array, row: int, cuts: Cuts, slots: Array, c
                 if key >> HALF == chosen[span, 1]:
                     counts[tile, span, key & (DIGITS - 1)] += 1
         tile = next_tile(work)
-    return 0
 
 
 @kernel
-def _find_ties(bits: Array, row: int, cuts: Cuts, slots: Array, chosen: Array, left: Array, ties: Array) -> int:
+def _find_ties(bits: Array, row: int, cuts: Cuts, slots: Array, chosen: Array, left: Array, ties: Array) -> None:
     """Find which points exactly at a split coordinate belong to the first half: those with the lowest rows.
 
     bits : (n, 3) int32, bits of the coordinates of a chunk, which begins at `row` of the cloud
@@ -165,7 +162,6 @@ def _find_ties(bits: Array, row: int, cuts: Cuts, slots: Array, chosen: Array, l
             left[span] -= 1
             if left[span] == 0:
                 ties[span] = row + i + 1
-    return 0
 
 
 def find_cuts(chunks: Chunks, count: int, size: int, progress: Progress | None = None) -> Cuts:

@@ -120,7 +120,7 @@ def _hash_of(x: int, y: int, z: int) -> int:
 
 
 @kernel
-def _mark(queries: Array, cell: float, wanted: Array) -> int:
+def _mark(queries: Array, cell: float, wanted: Array) -> None:
     """Mark the hash values of the grid cells of the queries, and of the 26 cells around each.
 
     queries : (m, 3) positions
@@ -131,11 +131,10 @@ def _mark(queries: Array, cell: float, wanted: Array) -> int:
         x, y, z = _cell_of(queries, i, cell)
         for k in range(27):
             wanted[_hash_of(x + k // 9 - 1, y + k // 3 % 3 - 1, z + k % 3 - 1)] = True
-    return 0
 
 
 @kernel
-def _choose(work: Array, positions: Array, cell: float, wanted: Array, chosen: Array) -> int:
+def _choose(work: Array, positions: Array, cell: float, wanted: Array, chosen: Array) -> None:
     """Write to chosen[i] whether positions[i] is in a grid cell whose hash value is marked.
 
     cell : size of a cell
@@ -148,4 +147,3 @@ def _choose(work: Array, positions: Array, cell: float, wanted: Array, chosen: A
             x, y, z = _cell_of(positions, i, cell)
             chosen[i] = wanted[_hash_of(x, y, z)]
         tile = next_tile(work)
-    return 0

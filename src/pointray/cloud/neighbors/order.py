@@ -166,7 +166,7 @@ def _sort_leaf(rows: Array, low: int, high: int) -> None:
 
 
 @kernel
-def _cut(work: Array, rows: Array, spans: Array, least: int) -> int:
+def _cut(work: Array, rows: Array, spans: Array, least: int) -> None:
     """Sort spans of rows along a kd order: split each recursively across its longest side, down to `least` rows.
 
     work : gives each thread its next span
@@ -193,7 +193,6 @@ def _cut(work: Array, rows: Array, spans: Array, least: int) -> int:
             stack[depth + 1, 0], stack[depth + 1, 1] = middle, high
             depth += 2
         span = next_tile(work)
-    return 0
 
 
 def sort_rows(rows: Floats, threads: int | None = None) -> None:

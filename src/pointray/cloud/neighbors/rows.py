@@ -16,7 +16,7 @@ AHEAD = 16  # rows that are prefetched
 
 
 @kernel
-def _take(work: Array, words: Array, rows: Array, width: int, out: Array) -> int:
+def _take(work: Array, words: Array, rows: Array, width: int, out: Array) -> None:
     """Copy some rows of an array to `out`, in parallel.
 
     work : gives each thread its next tile, 2^14 rows
@@ -33,7 +33,6 @@ def _take(work: Array, words: Array, rows: Array, width: int, out: Array) -> int
             for c in range(width):
                 out[i * width + c] = words[i64(rows[i]) * width + c]
         tile = next_tile(work)
-    return 0
 
 
 def take(values: NDArray[Any], rows: NDArray[np.integer[Any]]) -> NDArray[Any]:

@@ -206,7 +206,7 @@ def _search_block(
 
 
 @kernel
-def find_nearest(work: Array, tree: Tree, batch: Batch, end: int, k: int, rows: Rows) -> int:
+def find_nearest(work: Array, tree: Tree, batch: Batch, end: int, k: int, rows: Rows) -> None:
     """Write the k nearest points of all queries before `end` to their rows, nearest first.
 
     work : gives each thread its next tile, 64 blocks of 16 queries
@@ -231,4 +231,3 @@ def find_nearest(work: Array, tree: Tree, batch: Batch, end: int, k: int, rows: 
             needed = _search_block(tree, batch, block, count, k, needed * BEYOND, memory, rows)
         tile = next_tile(work)
     keep_alive((reals, wholes, doubles, stack, squares, found))
-    return 0

@@ -49,7 +49,7 @@ class Boxes(NamedTuple):
 
 
 @kernel
-def _fill_blocks(work: Array, positions: Array, order: Array, scale: float, blocks: Array, numbers: Array) -> int:
+def _fill_blocks(work: Array, positions: Array, order: Array, scale: float, blocks: Array, numbers: Array) -> None:
     """Copy points into blocks of 16 points, scaled.
 
     work : gives each thread its next tile of blocks
@@ -70,11 +70,10 @@ def _fill_blocks(work: Array, positions: Array, order: Array, scale: float, bloc
                 for c in range(3):
                     blocks[b * BLOCK + c * LANES + k] = positions[i, c] * scale if i >= 0 else INF
         tile = next_tile(work)
-    return 0
 
 
 @kernel
-def _fill_leaves(work: Array, count: int, blocks: Array, nodes: Array) -> int:
+def _fill_leaves(work: Array, count: int, blocks: Array, nodes: Array) -> None:
     """Write the bounding box of each block of 16 points into a node of the lowest level.
 
     work : gives each thread its next tile of blocks
@@ -95,11 +94,10 @@ def _fill_leaves(work: Array, count: int, blocks: Array, nodes: Array) -> int:
                     least, greatest = min(least, value), max(greatest, value)
                 nodes[at + c * LANES], nodes[at + (3 + c) * LANES] = least, greatest
         tile = next_tile(work)
-    return 0
 
 
 @kernel
-def _fill_levels(nodes: Array, starts: Array) -> int:
+def _fill_levels(nodes: Array, starts: Array) -> None:
     """Write the bounding box of each node, level by level, into its parent node.
 
     nodes : flat, 96 floats a node: minimum x, y, z of its 16 children, then maximum
@@ -112,7 +110,6 @@ def _fill_levels(nodes: Array, starts: Array) -> int:
             for c in range(3):
                 nodes[at + c * LANES] = reduce_min(load16(nodes, i * NODE + c * LANES))
                 nodes[at + (3 + c) * LANES] = reduce_max(load16(nodes, i * NODE + (3 + c) * LANES))
-    return 0
 
 
 def scale_of(positions: Floats) -> float:

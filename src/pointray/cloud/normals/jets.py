@@ -73,7 +73,7 @@ def _choose(sizes: Array, noise: float, spacing: float, memory: FitBatch16, foun
 @kernel
 def _fit(
     work: Array, positions: Array, rows: Array, near: Array, sizes: Array, noise: float, out: Array, residuals: Array
-) -> int:
+) -> None:
     """Fit quadrics of several sizes to the neighbours of each row; write the normal of the best one.
 
     work : gives each thread its next tile, 1024 rows
@@ -101,7 +101,6 @@ def _fit(
                     out[first + lane, c] = found[LANES * c + lane]
                 residuals[first + lane] = found[LANES * LEFT + lane]
         tile = next_tile(work)
-    return 0
 
 
 def _fit_rows(

@@ -59,7 +59,7 @@ class InMemoryVotes:
 
 
 @kernel
-def _choose(pairs: Array, sums: Array, clear: Array, best: Array, partner: Array) -> int:
+def _choose(pairs: Array, sums: Array, clear: Array, best: Array, partner: Array) -> None:
     """Find the neighbour of each piece with which it agrees, or disagrees, most clearly; called for each table.
 
     A piece is a set of points whose normals agree. The first of equally clear neighbours counts.
@@ -75,11 +75,10 @@ def _choose(pairs: Array, sums: Array, clear: Array, best: Array, partner: Array
             if clear[t] > best[p]:
                 best[p] = clear[t]
                 partner[p] = q if sums[t] >= 0 else -1 - q
-    return 0
 
 
 @kernel
-def _join(partner: Array, parent: Array, sign: Array) -> int:
+def _join(partner: Array, parent: Array, sign: Array) -> None:
     """Join each piece (points whose normals agree) with its chosen neighbour in a forest of groups (union-find).
 
     partner : (p,) the neighbour, -1 minus it if the two face opposite sides, or the piece itself if it has none
@@ -94,7 +93,6 @@ def _join(partner: Array, parent: Array, sign: Array) -> int:
         if a != b:
             parent[b] = a
             sign[b] = s * r * agree
-    return 0
 
 
 @kernel

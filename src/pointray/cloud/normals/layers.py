@@ -27,7 +27,7 @@ CHUNK = 1024
 
 
 @kernel
-def _lay(work: Array, positions: Array, rows: Array, near: Array, planes: Array, moved: Array) -> int:
+def _lay(work: Array, positions: Array, rows: Array, near: Array, planes: Array, moved: Array) -> None:
     """Fit a plane to the neighbours of each row; write its normal, and the point moved onto it.
 
     work : gives each thread its next tile, 1024 rows
@@ -54,11 +54,10 @@ def _lay(work: Array, positions: Array, rows: Array, near: Array, planes: Array,
                     planes[r, c] = memory.results[LANES * c + lane]
                     moved[r, c] = positions[r, c] + height * planes[r, c]
         tile = next_tile(work)
-    return 0
 
 
 @kernel
-def _sides(work: Array, normals: Array, planes: Array, near: Array, signs: Array) -> int:
+def _sides(work: Array, normals: Array, planes: Array, near: Array, signs: Array) -> None:
     """Write the sign, 1 or -1, with which each normal faces the same side as the planes around it.
 
     work : gives each thread its next tile, 1024 rows
@@ -76,7 +75,6 @@ def _sides(work: Array, normals: Array, planes: Array, near: Array, signs: Array
                     total += normals[i, c] * planes[near[i, q], c]
             signs[i] = -1 if total < 0.0 else 1
         tile = next_tile(work)
-    return 0
 
 
 class Layers:

@@ -86,7 +86,7 @@ def _climb_halving(parent: Array, sign: Array, i: int) -> tuple[int, int]:
 
 
 @kernel
-def _join_tiles(work: Array, table: Array, near: Array, k: int, core: int, parent: Array, sign: Array) -> int:
+def _join_tiles(work: Array, table: Array, near: Array, k: int, core: int, parent: Array, sign: Array) -> None:
     """Join the points of each tile whose normals reliably face the same side, along edges to neighbours, best first.
 
     work : gives each thread its next tile, 2048 points
@@ -143,7 +143,6 @@ def _join_tiles(work: Array, table: Array, near: Array, k: int, core: int, paren
         for i in range(first, last):
             parent[i], sign[i] = order[i - first], vote[i - first]
         tile = next_tile(work)
-    return 0
 
 
 def find_pieces(positions: Floats, normals: Floats, near: NDArray[np.int32], core: slice) -> Pieces:

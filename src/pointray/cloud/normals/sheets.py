@@ -35,7 +35,7 @@ CHUNK = 256
 
 
 @kernel
-def _sides(work: Array, rows: Array, positions: Array, normals: Array, near: Array, out: Array) -> int:
+def _sides(work: Array, rows: Array, positions: Array, normals: Array, near: Array, out: Array) -> None:
     """Write the mean cosine, -1 to 1, between each point's normal and the directions to its neighbours.
 
     It shows on which side of the normal a second sheet lies, to which most neighbours belong.
@@ -59,11 +59,10 @@ def _sides(work: Array, rows: Array, positions: Array, normals: Array, near: Arr
                 total += height / math.sqrt(max(square, 1e-300))
             out[i] = total / (near.shape[1] - 1)
         tile = next_tile(work)
-    return 0
 
 
 @kernel
-def _votes(work: Array, rows: Array, positions: Array, normals: Array, near: Array, out: Array) -> int:
+def _votes(work: Array, rows: Array, positions: Array, normals: Array, near: Array, out: Array) -> None:
     """Write how clearly each normal agrees with those of its neighbours: the sum of signed confidences, -1 to 1 each.
 
     work : gives each thread its next tile, 256 rows
@@ -79,7 +78,6 @@ def _votes(work: Array, rows: Array, positions: Array, normals: Array, near: Arr
             for j in near[rows[i], 1:]:
                 out[i] += agreement(positions, normals, rows[i], j)
         tile = next_tile(work)
-    return 0
 
 
 def _evaluate(function: Any, rows: Rows, positions: Floats, normals: Floats, near: NDArray[np.int32]) -> Floats:

@@ -13,7 +13,7 @@ CHUNK = 1 << 14  # vectors of a tile
 
 
 @kernel
-def _to_units(work: Array, vectors: Array, units: Array, lengths: Array) -> int:
+def _to_units(work: Array, vectors: Array, units: Array, lengths: Array) -> None:
     """Write unit vectors and the lengths before, both 0 where a vector is zero or not finite.
 
     work : gives each thread its next tile, 2^14 vectors
@@ -29,7 +29,6 @@ def _to_units(work: Array, vectors: Array, units: Array, lengths: Array) -> int:
             lengths[i] = length if good else 0.0
             units[i, 0], units[i, 1], units[i, 2] = (x / length, y / length, z / length) if good else (0.0, 0.0, 0.0)
         tile = next_tile(work)
-    return 0
 
 
 def to_units(vectors: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float64]]:

@@ -33,7 +33,7 @@ class Votes(NamedTuple):
 
 
 @kernel
-def _count_votes(work: Array, near: Array, core: int, piece: Array, counts: Array) -> int:
+def _count_votes(work: Array, near: Array, core: int, piece: Array, counts: Array) -> None:
     """Write to counts[tile] the number of edges to neighbours in another piece (set of points whose normals agree).
 
     work : gives each thread its next tile, 2048 points
@@ -48,13 +48,12 @@ def _count_votes(work: Array, near: Array, core: int, piece: Array, counts: Arra
                 count += piece[core + i] != piece[near[i, q]]
         counts[tile] = count
         tile = next_tile(work)
-    return 0
 
 
 @kernel
 def _cast_votes(
     work: Array, cloud: Arrays, near: Array, core: int, labels: Arrays, starts: Array, pairs: Array, votes: Array
-) -> int:
+) -> None:
     """List the edges between neighbours in different pieces (sets of points whose normals agree), and their votes.
 
     work : gives each thread its next tile, 2048 points
@@ -81,7 +80,6 @@ def _cast_votes(
                     votes[t] = round(min(max(v, -1.0), 1.0) * STEPS)
                     t += 1
         tile = next_tile(work)
-    return 0
 
 
 def cast_votes(

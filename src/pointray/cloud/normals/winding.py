@@ -61,7 +61,7 @@ class Splats(NamedTuple):
 
 
 @kernel
-def _spacings(work: Array, positions: Array, near: Array, core: int, out: Array) -> int:
+def _spacings(work: Array, positions: Array, near: Array, core: int, out: Array) -> None:
     """Write the square roots of the areas that the points from row `core` on stand for, by distances of neighbours.
 
     work : gives each thread its next tile, 256 points
@@ -79,7 +79,6 @@ def _spacings(work: Array, positions: Array, near: Array, core: int, out: Array)
                 square += (f64(positions[near[i, k], c]) - f64(positions[core + i, c])) ** 2
             out[i] = math.sqrt(math.pi * square / (k + 0.5))
         tile = next_tile(work)
-    return 0
 
 
 def spacings(positions: Floats, near: NDArray[np.int32], core: int = 0) -> Floats:
@@ -119,7 +118,7 @@ def _combine(nodes: Array, t: int, one: int, two: int) -> None:
 
 
 @kernel
-def _grow(work: Array, positions: Array, normals: Array, spacing: Array, nodes: Array) -> int:
+def _grow(work: Array, positions: Array, normals: Array, spacing: Array, nodes: Array) -> None:
     """Build a tree of dipoles for each tile (4,096 consecutive points); each approximates the points below, from afar.
 
     The root is node 1, children of node i are 2i and 2i + 1, leaves have 16 points.
@@ -148,18 +147,16 @@ def _grow(work: Array, positions: Array, normals: Array, spacing: Array, nodes: 
             at = tile * NODES
             _combine(nodes, at + t, at + 2 * t, at + 2 * t + 1)
         tile = next_tile(work)
-    return 0
 
 
 @kernel
-def _join_roots(top: Array) -> int:
+def _join_roots(top: Array) -> None:
     """Build the tree of dipoles over all tiles (4,096 consecutive points each) of a cloud, from their roots.
 
     top : (2^h, 8) nodes, children of node i are 2i and 2i + 1; the last half holds the roots of the tiles
     """
     for t in range(len(top) // 2 - 1, 0, -1):
         _combine(top, t, 2 * t, 2 * t + 1)
-    return 0
 
 
 def trees_of(splats: Splats) -> Floats:
@@ -231,7 +228,7 @@ def _below(t: int, tops: int, slots: Array, needed: Array) -> int:
 
 
 @kernel
-def _wind(work: Array, rows: Array, splats: Arrays, trees: Arrays, step: float, out: Array, needed: Array) -> int:
+def _wind(work: Array, rows: Array, splats: Arrays, trees: Arrays, step: float, out: Array, needed: Array) -> None:
     """Write the winding numbers a step in front of some points and behind them, both in one traversal.
 
     Only some tiles, ranges of 4,096 points, are loaded.
@@ -283,7 +280,6 @@ def _wind(work: Array, rows: Array, splats: Arrays, trees: Arrays, step: float, 
                         behind += _dipole(x + a, y + b, z + c, u, v, w, soft)
             out[i, 0], out[i, 1] = share * front, share * behind
         tile = next_tile(work)
-    return 0
 
 
 class Winding:

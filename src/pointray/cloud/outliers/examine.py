@@ -51,7 +51,7 @@ ROWS = 1 << 17  # rows of a table at a time
 
 
 @kernel
-def _examine(work: Array, positions: Array, rows: Array, near: Array, noises: Array, out: Array) -> int:
+def _examine(work: Array, positions: Array, rows: Array, near: Array, noises: Array, out: Array) -> None:
     """Fit a surface to the neighbours of each row and decide whether the row is a stray off it.
 
     work : gives each thread its next tile, 1024 rows
@@ -112,13 +112,12 @@ def _examine(work: Array, positions: Array, rows: Array, near: Array, noises: Ar
                 out[i, 1 + c] = share * (n[c] - x[1] * one[c] - x[2] * two[c])
             out[i, 4], out[i, 5] = spacing * far, front
         tile = next_tile(work)
-    return 0
 
 
 @kernel
 def _join(
     work: Array, positions: Array, rows: Array, near: Array, verdicts: Array, details: Array, joins: Array, out: Array
-) -> int:
+) -> None:
     """Decide whether rows lie next to others that are certainly off their surface, at the height of these.
 
     work : gives each thread its next tile, 1024 rows
@@ -157,7 +156,6 @@ def _join(
             out[i, 0], out[i, 1], out[i, 2] = (height - own) * u, (height - own) * v, (height - own) * w
             out[i, 3], out[i, 4] = spacing, same
         tile = next_tile(work)
-    return 0
 
 
 def examine_rows(

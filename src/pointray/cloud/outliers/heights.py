@@ -166,7 +166,7 @@ def _way(known: Array, count: int) -> tuple[bool, float]:
 
 
 @kernel
-def _heights(work: Array, positions: Array, rows: Array, near: Array, scans: Array, facing: Array, out: Array) -> int:
+def _heights(work: Array, positions: Array, rows: Array, near: Array, scans: Array, facing: Array, out: Array) -> None:
     """Write to out[i] the move of positions[rows[i]] to the mean of the scans around it, and 1 where that is clear.
 
     work : gives each thread its next tile, 512 rows
@@ -196,11 +196,10 @@ def _heights(work: Array, positions: Array, rows: Array, near: Array, scans: Arr
             for c in range(3):
                 out[i, c] = way * far * n[c]
         tile = next_tile(work)
-    return 0
 
 
 @kernel
-def _even_out(work: Array, moves: Array, near: Array, scans: Array, out: Array) -> int:
+def _even_out(work: Array, moves: Array, near: Array, scans: Array, out: Array) -> None:
     """Write to out[i] the mean move of the neighbours of point i that belong to the same scan.
 
     work : gives each thread its next tile, 512 points
@@ -223,7 +222,6 @@ def _even_out(work: Array, moves: Array, near: Array, scans: Array, out: Array) 
             if scans[i] >= 0 and clear >= HALF * same:
                 out[i, 0], out[i, 1], out[i, 2] = x / clear, y / clear, z / clear
         tile = next_tile(work)
-    return 0
 
 
 def heights(positions: Floats, rows: Rows, near: NDArray[np.int32], scans: NDArray[np.int32], facing: Floats) -> Floats:

@@ -10,7 +10,7 @@ CHUNK = 4096  # points of a tile
 
 
 @kernel
-def third_least(work: Array, values: Array, near: Array, out: Array) -> int:
+def third_least(work: Array, values: Array, near: Array, out: Array) -> None:
     """Write to out[i] the third least of the values of the points near[i].
 
     work : gives each thread its next tile, 4096 points
@@ -31,11 +31,10 @@ def third_least(work: Array, values: Array, near: Array, out: Array) -> int:
                     three = value
             out[i] = three
         tile = next_tile(work)
-    return 0
 
 
 @kernel
-def link(work: Array, positions: Array, near: Array, reach: Array, strays: Array, out: Array) -> int:
+def link(work: Array, positions: Array, near: Array, reach: Array, strays: Array, out: Array) -> None:
     """Write to out[i, j] whether point i is within the reach of its neighbour near[i, j]; strays never are.
 
     work : gives each thread its next tile, 4096 points
@@ -54,4 +53,3 @@ def link(work: Array, positions: Array, near: Array, reach: Array, strays: Array
                 limit = f64(reach[other])
                 out[i, j] = square < limit * limit and not strays[i] and not strays[other]
         tile = next_tile(work)
-    return 0

@@ -64,7 +64,7 @@ def _keep(
 @kernel
 def _survey(
     work: Array, positions: Array, members: Array, near: Array, reach: Array, about: Array, kept: Array, is_done: Array
-) -> int:
+) -> None:
     """Fit a surface to each group of points; write where its points lie relative to that, and their neighbours.
 
     work : gives each thread its next tile, 256 groups
@@ -100,11 +100,10 @@ def _survey(
                 about[row, 0], about[row, 1], about[row, 2] = abs(height) * far, noise * far, spacing
                 about[row, 3] = math.sqrt(away[min(CORE, len(away) - 1)])
         tile = next_tile(work)
-    return 0
 
 
 @kernel
-def _share(work: Array, rows: Array, about: Array, near: Array, out: Array) -> int:
+def _share(work: Array, rows: Array, about: Array, near: Array, out: Array) -> None:
     """Write the noise typical around each row: the median of noise over spacing of its neighbours, times its spacing.
 
     work : gives each thread its next tile, 256 rows
@@ -126,7 +125,6 @@ def _share(work: Array, rows: Array, about: Array, near: Array, out: Array) -> i
                     count += 1
             out[i] = nth(values, count, count // 2, scratch) * about[rows[i], 2] if count > 0 else math.nan
         tile = next_tile(work)
-    return 0
 
 
 class LocalSurfaceFits:

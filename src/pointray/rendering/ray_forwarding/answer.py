@@ -25,7 +25,7 @@ Rays: TypeAlias = tuple[Array, Array, Array, Array]  # origins, directions, ends
 @kernel
 def _answer(
     work: Array, world: World, rays: Rays, tiles: tuple[Array, Array], any_hit: bool, out: tuple[Array, Array]
-) -> int:
+) -> None:
     """Intersect rays that another process has sent, tile by tile.
 
     work : counter from which threads take batches of tiles
@@ -69,7 +69,6 @@ def _answer(
                         facts[8 * i + 1 + c], facts[8 * i + 4 + c] = normal[c], color[c]
         batch = next_tile(work)
     keep_alive(memory)
-    return 0
 
 
 def answer(world: World, rays: Array, slots: Array, any_hit: bool, pace: Pace = PLAIN) -> tuple[Array, Array]:

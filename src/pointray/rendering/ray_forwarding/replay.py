@@ -252,21 +252,21 @@ _quick, _sampled = routine(uncompiled(quick_frame)), routine(uncompiled(sampled_
 
 
 @kernel
-def recalled_quick(work: Array, world: Any, camera: Array, job: Pass, film: Array, image: Array) -> int:
+def recalled_quick(work: Array, world: Any, camera: Array, job: Pass, film: Array, image: Array) -> None:
     """Render like `quick_frame` (integrators "phong", "normal", "depth", "color") with hits that workers have returned.
 
     world : a `ReplayWorld`, which has the table of these hits; film : sums over samples; image : their means
     """
-    return _quick(work, world, camera, job, film, image)
+    _quick(work, world, camera, job, film, image)
 
 
 @kernel
-def recalled_sampled(work: Array, world: Any, camera: Array, job: Pass, film: Array, image: Array) -> int:
+def recalled_sampled(work: Array, world: Any, camera: Array, job: Pass, film: Array, image: Array) -> None:
     """Render like `sampled_frame` (integrators "ao" and "path") with hits that workers have returned.
 
     world : a `ReplayWorld`, which has the table of these hits; film : sums over samples; image : their means
     """
-    return _sampled(work, world, camera, job, film, image)
+    _sampled(work, world, camera, job, film, image)
 
 
 def replay_kernel_for(frame: Any) -> Any:

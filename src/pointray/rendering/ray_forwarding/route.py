@@ -13,7 +13,7 @@ PAD = 1e-5  # padding of boxes relative to the size of their union, more than in
 
 
 @kernel
-def _route(work: Array, rays: Array, boxes: Array, owners: Array, out: Array) -> int:
+def _route(work: Array, rays: Array, boxes: Array, owners: Array, out: Array) -> None:
     """Set out[ray, owner] = 1 where a ray enters a box of an owner before its end.
 
     work : counter from which threads take rays; rays : (n, 8) float64: origin, direction, end, side
@@ -42,7 +42,6 @@ def _route(work: Array, rays: Array, boxes: Array, owners: Array, out: Array) ->
                 if near <= far:
                     out[i, owner] = 1
         batch = next_tile(work)
-    return 0
 
 
 def route(

@@ -96,7 +96,7 @@ def widest(found: Array, count: int) -> tuple[float, float]:
 
 
 @kernel
-def _find_gaps(work: Array, positions: Array, normals: Array, rows: Array, near: Array, out: Array) -> int:
+def _find_gaps(work: Array, positions: Array, normals: Array, rows: Array, near: Array, out: Array) -> None:
     """Write the outward direction of each splat on a possible open border, else zero.
 
     It is the middle of the widest gap between the directions of neighbours in the tangent plane, if over 115 degrees.
@@ -117,7 +117,6 @@ def _find_gaps(work: Array, positions: Array, normals: Array, rows: Array, near:
                 out[at, c] = outward
         tile = next_tile(work)
     keep_alive(memory)
-    return 0
 
 
 def find_gaps(

@@ -234,7 +234,7 @@ def _away(table: Array, at: Three16, near: Array, start: int, width: int) -> F16
 
 
 @kernel
-def _measure_closed(work: Array, table: Array, rows: Array, neighborhood: tuple[Array, int], out: Closed) -> int:
+def _measure_closed(work: Array, table: Array, rows: Array, neighborhood: tuple[Array, int], out: Closed) -> None:
     """Measure the Voronoi cells of points, 16 at a time, unless they are special cases.
 
     table : position, normal and two zeros of each point of the cloud; rows : the points to measure, at least 16
@@ -271,7 +271,6 @@ def _measure_closed(work: Array, table: Array, rows: Array, neighborhood: tuple[
                 gap[first + k] = (known == OPEN or odd) and _gap_possible(lane(sectors, k))
         tile = next_tile(work)
     keep_alive(memory)
-    return 0
 
 
 class Closed(NamedTuple):
@@ -326,7 +325,7 @@ def measure_closed(table: NDArray[np.float32], neighborhood: Neighborhood) -> Cl
 
 
 @kernel
-def _pack(work: Array, positions: Array, normals: Array, out: Array) -> int:
+def _pack(work: Array, positions: Array, normals: Array, out: Array) -> None:
     """Write position, normal and two zeros of each point to a row of eight numbers. out : (n, 8)"""
     positions, normals, out = borrow(positions), borrow(normals), borrow(out)
     tile = next_tile(work)
@@ -336,7 +335,6 @@ def _pack(work: Array, positions: Array, normals: Array, out: Array) -> int:
                 out[i, c], out[i, 3 + c] = positions[i, c], normals[i, c]
             out[i, 6] = out[i, 7] = 0.0
         tile = next_tile(work)
-    return 0
 
 
 def pack_table(positions: NDArray[np.float32], normals: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -76,7 +76,7 @@ def choose(pool: Splats, cloud: Cloud, times: NDArray[np.int32]) -> NDArray[np.i
 
 
 @kernel
-def _invert(work: Array, splats: Splats, heads: Array, owners: Array) -> int:
+def _invert(work: Array, splats: Splats, heads: Array, owners: Array) -> None:
     """List the splats over each point p in owners[heads[p] : heads[p + 1]]. heads : (n + 2,), initially zero"""
     n = len(heads) - 2
     for p in splats.members:
@@ -88,7 +88,6 @@ def _invert(work: Array, splats: Splats, heads: Array, owners: Array) -> int:
             p = splats.members[k] + 1
             owners[heads[p]] = s
             heads[p] += 1
-    return 0
 
 
 @inline

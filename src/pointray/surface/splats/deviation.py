@@ -170,7 +170,7 @@ def _box_of(positions: Array, first: int, last: int, pad: float) -> tuple[float,
 @kernel
 def _survey(
     work: Array, positions: Array, normals: Array, splats: Gated, boxes: Boxes, close: float, out: Array, hollow: Array
-) -> int:
+) -> None:
     """Measure the distance of every point from the surface, with one search for splats for 32 neighbouring points.
 
     splats : positions, normals, radii, and 1 for those on sheets close together
@@ -190,7 +190,6 @@ def _survey(
             for i in range(first, last):
                 out[i], hollow[i] = _deviation(lent, found[:count], at(positions, i), at(normals, i), close)
         tile = next_tile(work)
-    return 0
 
 
 def deviations(

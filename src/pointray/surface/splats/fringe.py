@@ -65,7 +65,7 @@ def _on_sheet(positions: Array, normals: Array, i: int, near: Array, axes: tuple
 @kernel
 def _survey(
     work: Array, cloud: tuple[Array, Array], neighborhood: tuple[Array, Array], counts: Array, out: Array
-) -> int:
+) -> None:
     """Count the neighbours on a rough sheet with each row; find rims, where these leave half of all directions open.
 
     On a rough sheet are points near an arc, with similar normals.
@@ -91,7 +91,6 @@ def _survey(
                     out[at, c] = outward
         tile = next_tile(work)
     keep_alive(memory)
-    return 0
 
 
 def trim_fringe(

@@ -91,7 +91,7 @@ def _is_obtuse(a: Vec2, b: Vec2) -> bool:
 @kernel
 def _limit(
     work: Array, cloud: tuple[Array, Array], neighborhood: tuple[Array, Array], limits: Array, reach: Array
-) -> int:
+) -> None:
     """Write the reach of each row's Voronoi cell: the distance to its farthest vertex that is not across a wide gap.
 
     cloud : flat positions and normals; neighborhood : rows (m,), and each row with its neighbours (m, k)
@@ -130,11 +130,10 @@ def _limit(
             reach[at] = f32(farthest)
         tile = next_tile(work)
     keep_alive(memory)
-    return 0
 
 
 @kernel
-def _count(work: Array, cloud: tuple[Array, Array], neighborhood: tuple[Array, Array], out: Array) -> int:
+def _count(work: Array, cloud: tuple[Array, Array], neighborhood: tuple[Array, Array], out: Array) -> None:
     """Write the share of each row's neighbours that lie on a rough sheet with it: near an arc, with similar normals.
 
     cloud : flat positions and normals; neighborhood : rows (m,), and each row with its neighbours (m, k)
@@ -150,7 +149,6 @@ def _count(work: Array, cloud: tuple[Array, Array], neighborhood: tuple[Array, A
                     count += 1
             out[at] = f32(count) / f32(near.shape[1] - 1)
         tile = next_tile(work)
-    return 0
 
 
 def bridged(positions: Floats, normals: Floats, neighborhood: Neighborhood, limits: Floats) -> Floats:

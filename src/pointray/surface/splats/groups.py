@@ -56,7 +56,7 @@ class Groups(NamedTuple):
 
 
 @kernel
-def _codes(work: Array, positions: Array, normals: Array, low: Array, cell: float, codes: Array) -> int:
+def _codes(work: Array, positions: Array, normals: Array, low: Array, cell: float, codes: Array) -> None:
     """Write three numbers for each splat, equal for splats in one grid cell that face the same of six directions.
 
     low : (3,) origin of the grid; cell : edge length; codes : (n, 3) float32, output
@@ -75,11 +75,10 @@ def _codes(work: Array, positions: Array, normals: Array, low: Array, cell: floa
             side = 2 * axis + (1 if normals[i, axis] < 0.0 else 0)
             codes[i, 0] = codes[i, 0] * f32(SIDES) + f32(side)
         tile = next_tile(work)
-    return 0
 
 
 @kernel
-def _sort(ids: Array, starts: Array, order: Array) -> int:
+def _sort(ids: Array, starts: Array, order: Array) -> None:
     """Sort rows by group (counting sort).
 
     ids : (n,) group of each row; starts : zeros, with one extra entry; becomes the start of each group in `order`
@@ -94,11 +93,10 @@ def _sort(ids: Array, starts: Array, order: Array) -> int:
         g = i64(ids[i]) + 1
         order[starts[g]] = i
         starts[g] += 1
-    return 0
 
 
 @kernel
-def _means(work: Array, values: Array, width: int, order: Array, starts: Array, out: Array) -> int:
+def _means(work: Array, values: Array, width: int, order: Array, starts: Array, out: Array) -> None:
     """Write means of `width` numbers for each group; values and out are flat.
 
     order : rows of the values, group by group; starts : start of each group in it, and the end
@@ -113,11 +111,10 @@ def _means(work: Array, values: Array, width: int, order: Array, starts: Array, 
                     total += f64(values[i64(order[k]) * width + c])
                 out[g * width + c] = total / (starts[g + 1] - starts[g])
         tile = next_tile(work)
-    return 0
 
 
 @kernel
-def _reach(work: Array, splats: tuple[Array, Array, Array], order: Array, starts: Array, out: Array) -> int:
+def _reach(work: Array, splats: tuple[Array, Array, Array], order: Array, starts: Array, out: Array) -> None:
     """Write how far the supports of each group extend from its middle, (m,).
 
     splats : positions (n, 3) and radii (n,), and the middles of the groups (m, 3)
@@ -137,7 +134,6 @@ def _reach(work: Array, splats: tuple[Array, Array, Array], order: Array, starts
                 most = max(most, f32(math.sqrt(square)) + radii[i])
             out[g] = most
         tile = next_tile(work)
-    return 0
 
 
 def groups_in_cells(positions: Floats, normals: Floats, cell: float, low: Floats | None = None) -> Groups:

@@ -227,7 +227,7 @@ def grow_pool(
 
 
 @kernel
-def _grade(work: Array, sizes: Array, cloud: Cloud, slope: float) -> int:
+def _grade(work: Array, sizes: Array, cloud: Cloud, slope: float) -> None:
     """Lower sizes[i] to sizes[j] + slope |x_i - x_j| from neighbour j to neighbour i, smallest first.
 
     sizes : (n,) of splats at the points x of the cloud
@@ -252,7 +252,6 @@ def _grade(work: Array, sizes: Array, cloud: Cloud, slope: float) -> int:
                 sizes[j] = size
                 keys, rows = _with_capacity(keys, count, 1), _with_capacity(rows, count, 1)
                 count = push(keys, rows, count, size, j)
-    return 0
 
 
 def grade(sizes: Floats, cloud: Cloud, slope: float) -> Floats:

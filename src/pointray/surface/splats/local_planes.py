@@ -67,7 +67,7 @@ def difference(a: Triple, b: Triple) -> Triple:
 
 
 @kernel
-def _fit(work: Array, xyz: Xyz, near: Array, width: int, columns: tuple[int, int], out: tuple[Array, ...]) -> int:
+def _fit(work: Array, xyz: Xyz, near: Array, width: int, columns: tuple[int, int], out: tuple[Array, ...]) -> None:
     """Fit a plane to neighbours columns[0]:columns[1] of each point.
 
     xyz : x, y and z of all points; near : flat rows of neighbours, `width` for each point
@@ -108,11 +108,10 @@ def _fit(work: Array, xyz: Xyz, near: Array, width: int, columns: tuple[int, int
             store(out[5], at, zeros() - reach * inner(n, (x, y, z)))
             store(out[6], at, reach)
         tile = next_tile(work)
-    return 0
 
 
 @kernel
-def _disagree(work: Array, normals: Xyz, near: Array, width: int, columns: tuple[int, int], out: Array) -> int:
+def _disagree(work: Array, normals: Xyz, near: Array, width: int, columns: tuple[int, int], out: Array) -> None:
     """Write the mean squared sine between each point's normal and those of neighbours columns[0]:columns[1].
 
     normals : x, y and z of all points; near : flat rows of neighbours, `width` for each point
@@ -129,7 +128,6 @@ def _disagree(work: Array, normals: Xyz, near: Array, width: int, columns: tuple
                 total = total + cosine * cosine
             store(out, at, vmax(ONE - total * f32(1.0 / (end - first)), zeros()))
         tile = next_tile(work)
-    return 0
 
 
 @inline
@@ -156,7 +154,7 @@ def _bend(own: Triple, normal: Triple, place: Triple, other: Triple) -> tuple[F1
 
 
 @kernel
-def _off_arcs(work: Array, xyz: Xyz, normals: Xyz, near: Array, width: int, columns: tuple[int, int], out: Xyz) -> int:
+def _off_arcs(work: Array, xyz: Xyz, normals: Xyz, near: Array, width: int, columns: tuple[int, int], out: Xyz) -> None:
     """Write how far neighbours columns[0]:columns[1] are off arcs perpendicular to both normals, and off planes.
 
     xyz, normals : x, y and z of all points; near : flat rows of neighbours, `width` for each point
@@ -181,7 +179,6 @@ def _off_arcs(work: Array, xyz: Xyz, normals: Xyz, near: Array, width: int, colu
             store(out[1], at, select(some, plane * share, zeros() + ONE))
             store(out[2], at, same)
         tile = next_tile(work)
-    return 0
 
 
 def columns_of(rows: Floats) -> tuple[Floats, Floats, Floats]:

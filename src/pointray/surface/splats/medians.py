@@ -76,7 +76,7 @@ def _middle_of8(values: Array, near: Array, start: int, width: int, memory: Arra
 
 
 @kernel
-def _medians(work: Array, values: Array, near: Array, width: int, own: int, out: Array) -> int:
+def _medians(work: Array, values: Array, near: Array, width: int, own: int, out: Array) -> None:
     """Write the median of the values of each point's 8 nearest neighbours.
 
     near : flat, `width` rows for each point: the point, then its neighbours
@@ -95,13 +95,12 @@ def _medians(work: Array, values: Array, near: Array, width: int, own: int, out:
             store(out, first, f32(0.5) * (lesser + greater))
         tile = next_tile(work)
     keep_alive(memory)
-    return 0
 
 
 @kernel
 def _medians_of(
     work: Array, values: Array, normals: Array, neighborhood: tuple[Array, Array], own: int, out: Array
-) -> int:
+) -> None:
     """Write the medians for points whose 8 nearest neighbours are not all on their own sheet, one neighbour at a time.
 
     normals : flat; neighborhood : rows of these points (m,), and each with its neighbours (m, k)
@@ -115,7 +114,6 @@ def _medians_of(
             i = i64(rows[at])
             out[i] = _median(values, normals, i, near[at], own, found)
         tile = next_tile(work)
-    return 0
 
 
 def medians_around(

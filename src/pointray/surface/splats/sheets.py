@@ -20,7 +20,7 @@ CHUNK = 2048
 
 
 @kernel
-def _find(work: Array, cloud: tuple[Array, Array, Array], neighborhood: tuple[Array, Array], out: Array) -> int:
+def _find(work: Array, cloud: tuple[Array, Array, Array], neighborhood: tuple[Array, Array], out: Array) -> None:
     """Set out[i] to 1 where a neighbour faces away from splat i and the support of either reaches the other's sheet.
 
     cloud : flat positions, normals and radii; neighborhood : rows of the splats, and each with its neighbours (m, k)
@@ -38,11 +38,10 @@ def _find(work: Array, cloud: tuple[Array, Array, Array], neighborhood: tuple[Ar
                     if dot(d, d) < both * both and abs(height) < max(radii[i], radii[j]):
                         out[i] = out[j] = 1
         tile = next_tile(work)
-    return 0
 
 
 @kernel
-def _widen(work: Array, found: Array, near: Array, out: Array) -> int:
+def _widen(work: Array, found: Array, near: Array, out: Array) -> None:
     """Set out[i] to 1 where splat i or one of its 8 nearest neighbours is set in `found`. near : (n, k) rows"""
     found, near, out = borrow(found), borrow(near), borrow(out)
     tile = next_tile(work)
@@ -51,7 +50,6 @@ def _widen(work: Array, found: Array, near: Array, out: Array) -> int:
             for k in range(min(BESIDE + 1, near.shape[1])):
                 out[i] |= found[near[i, k]]
         tile = next_tile(work)
-    return 0
 
 
 def find_sheets(

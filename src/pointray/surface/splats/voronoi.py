@@ -248,7 +248,7 @@ def _measure(
     near: Array,
     known: tuple[Array, Array, float],
     out: tuple[Array, Array],
-) -> int:
+) -> None:
     """Write the distance to the farthest vertex of each row's Voronoi cell, and whether the cell is closed.
 
     With typical distances, the second result is whether the surface continues there.
@@ -279,7 +279,6 @@ def _measure(
                 closed[at] = 4.0 * square <= _square(positions, i, i64(near[at, near.shape[1] - 1]))
         tile = next_tile(work)
     keep_alive(memory)
-    return 0
 
 
 class Neighborhood(NamedTuple):

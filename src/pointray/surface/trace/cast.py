@@ -128,7 +128,7 @@ def _set_rays(
 @kernel
 def _closest(
     work: Array, world: World, origins: Array, directions: Array, limits: Array, shape: tuple[int, int], out: HitArrays
-) -> int:
+) -> None:
     """Find the closest hits of n rays with everything in the scene.
 
     origins, directions : flat; limits : (n, 2), flat, t_min and t_max
@@ -168,13 +168,12 @@ def _closest(
                     point[i] = tree.order[hit.slot]
         batch = next_tile(work)
     keep_alive(memory)
-    return 0
 
 
 @kernel
 def _occluded(
     work: Array, world: World, origins: Array, directions: Array, limits: Array, shape: tuple[int, int], out: Array
-) -> int:
+) -> None:
     """Test whether each of n rays hits anything; out is (n,) uint8.
 
     origins, directions : flat; limits : (n, 2), flat, t_min and t_max
@@ -194,13 +193,12 @@ def _occluded(
                     out[i] = is_blocked(scratch, k)
         batch = next_tile(work)
     keep_alive(memory)
-    return 0
 
 
 @kernel
 def _blend_attribute(
     work: Array, world: World, found: tuple[Array, int, Array, Array, Array], values: Array, width: int, out: Array
-) -> int:
+) -> None:
     """Blend one attribute at hits on one model, with the weights of f; without weights take the hit point's value.
 
     found : rows of the hits; the model's index; then leaf, local (position in the model) and point (row) of all hits
@@ -236,7 +234,6 @@ def _blend_attribute(
                 out[h * width + c] = out[h * width + c] / total if known else values[point[i] * width + c]
         block = next_tile(work)
     keep_alive(memory)
-    return 0
 
 
 def _picture(shape: tuple[int, ...]) -> tuple[int, int]:

@@ -17,7 +17,7 @@ CHUNK = 4096  # blocks per tile
 @kernel
 def _fill_blocks(
     work: Array, order: Array, positions: Array, normals: Array, radii: Array, out: tuple[Array, Array]
-) -> int:
+) -> None:
     """Copy splats into blocks of four and bound each block by a sphere.
 
     order : rows of the splats, in the order of the blocks
@@ -51,7 +51,6 @@ def _fill_blocks(
                 radius = max(radius, math.sqrt(square) + radii[i])
             bounds[b * 4 + 3] = radius * (1.0 + 1e-6)
         tile = next_tile(work)
-    return 0
 
 
 def make_blocks(

@@ -204,7 +204,7 @@ def cut_roots(
     roots: tuple[Array, Array, Array],
     limits: tuple[float, float, int],
     out: tuple[Cells, Array],
-) -> int:
+) -> None:
     """Cut roots, boxes at the top of a kd-tree, into voxels, in the middle of their longest edges; one thread for each.
 
     roots : where nodes, references and groups of each begin; numbers of the groups of blocks; margin of each root
@@ -234,4 +234,3 @@ def cut_roots(
             (cells.children[nodes], cells.boxes[nodes], cells.spans[nodes], refs, cells.least[nodes]),
         )
         root = next_tile(work)
-    return 0

@@ -207,7 +207,7 @@ def fill_leaves(
     marks: tuple[Array, Array],
     settings: tuple[Limits, int, float, int],
     out: tuple[Array, Array, Array, Array],
-) -> int:
+) -> None:
     """Compute the slab, the columns' slabs and the tight box of each voxel. An inverted box marks an empty one.
 
     cells : kd-tree of the voxels; marks : for each slot the outward direction at an open border, and the normal of a
@@ -268,11 +268,10 @@ def fill_leaves(
                 box[c] -= pad
                 box[3 + c] += pad
         tile = next_tile(work)
-    return 0
 
 
 @kernel
-def fill_groups(work: Array, cells: Cells, nodes: Array, bounds: Array, out: tuple[Array, Array, Array]) -> int:
+def fill_groups(work: Array, cells: Cells, nodes: Array, bounds: Array, out: tuple[Array, Array, Array]) -> None:
     """Copy each leaf's list of blocks into groups of 16, with the blocks' bounding spheres.
 
     cells : kd-tree of the voxels; nodes : numbers of its leaf nodes
@@ -296,4 +295,3 @@ def fill_groups(work: Array, cells: Cells, nodes: Array, bounds: Array, out: tup
                     r = bounds[b * 4 + 3]
                     spheres[group * tr.GROUP + 48 + k] = r if s < end else f32(np.nan)
         tile = next_tile(work)
-    return 0

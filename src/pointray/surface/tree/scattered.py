@@ -29,7 +29,7 @@ Boxes = NDArray[np.float64]
 
 
 @kernel
-def _bound(work: Array, blocks: Array, pad: float, boxes: Array) -> int:
+def _bound(work: Array, blocks: Array, pad: float, boxes: Array) -> None:
     """Compute the boxes of leaves of eight spheres, (n, 6) float64: lo x y z, hi x y z.
 
     blocks : two for each leaf; pad : margin against rounding
@@ -48,7 +48,6 @@ def _bound(work: Array, blocks: Array, pad: float, boxes: Array) -> int:
                     x = blocks[at + tr.PX + PER_BLOCK * c]
                     boxes[b, c], boxes[b, 3 + c] = min(boxes[b, c], x - radius), max(boxes[b, 3 + c], x + radius)
         tile = next_tile(work)
-    return 0
 
 
 @inline

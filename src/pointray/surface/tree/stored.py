@@ -31,7 +31,7 @@ class Stored(NamedTuple):
 
 
 @kernel
-def _unpack(work: Array, blocks: Array, slots: Array, positions: Array, normals: Array) -> int:
+def _unpack(work: Array, blocks: Array, slots: Array, positions: Array, normals: Array) -> None:
     blocks, slots, positions, normals = borrow(blocks), borrow(slots), borrow(positions), borrow(normals)
     tile = next_tile(work)
     while tile >= 0:
@@ -41,7 +41,6 @@ def _unpack(work: Array, blocks: Array, slots: Array, positions: Array, normals:
             for c in range(3):
                 positions[i, c], normals[i, c] = blocks[at + PX + 4 * c], blocks[at + NX + 4 * c]
         tile = next_tile(work)
-    return 0
 
 
 def stored_splats(tree: Tree, by_row: bool = True) -> Stored:

@@ -51,7 +51,7 @@ class Top(NamedTuple):
 
 
 @kernel
-def _bound_groups(work: Array, blocks: Array, bounds: Array, out: Groups) -> int:
+def _bound_groups(work: Array, blocks: Array, bounds: Array, out: Groups) -> None:
     """Compute the bounds of each group of 64 consecutive blocks.
 
     bounds : (blocks * 4,) centre and radius of each block's bounding sphere
@@ -74,7 +74,6 @@ def _bound_groups(work: Array, blocks: Array, bounds: Array, out: Groups) -> int
                         places[c], places[3 + c] = min(places[c], x), max(places[3 + c], x)
         out.longest[group] = f32(1.0 / math.sqrt(inverse))
         group = next_tile(work)
-    return 0
 
 
 class _Node(NamedTuple):

@@ -296,7 +296,7 @@ def _is_comment(data: Array, at: int) -> bool:
 @kernel
 def parse_pieces(
     work: Array, data: Array, pieces: Array, setting: Array, powers: Array, out: Array, states: Array, stats: Array
-) -> int:
+) -> None:
     """Parse pieces of text, each into the items of `out` that begin at the index of its first byte.
 
     work : counter from which threads take pieces; data : (bytes,) uint8
@@ -328,4 +328,3 @@ def parse_pieces(
                 row += 1
         states[t, ROWS], states[t, WHY], states[t, WHERE], states[t, ODD] = row, why, where, odd
         t = next_tile(work)
-    return 0

@@ -27,7 +27,7 @@ def _root(parents: Array, i: int) -> int:
 
 
 @kernel
-def _join(surface: Array, near: Array, width: int, parents: Array, sizes: Array, contacts: Array) -> int:
+def _join(surface: Array, near: Array, width: int, parents: Array, sizes: Array, contacts: Array) -> None:
     """Join neighbours of the same class to groups (union-find) and measure how enclosed each group is.
 
     surface : (n,) class of each point, 1 or 0; near : flat, `width` rows for each point: the point, then its neighbours
@@ -55,7 +55,6 @@ def _join(surface: Array, near: Array, width: int, parents: Array, sizes: Array,
             if surface[i] != surface[j]:
                 contacts[i64(parents[i])] += 1
                 contacts[i64(parents[j])] += 1
-    return 0
 
 
 def absorb_islands(surface: Floats, alone: Floats, near: NDArray[np.int32]) -> Floats:

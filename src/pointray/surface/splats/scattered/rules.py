@@ -172,7 +172,7 @@ def _judge(
     normals: tuple[Xyz, Xyz],
     reaches: Xyz,
     out: tuple[Array, Array],
-) -> int:
+) -> None:
     """Write whether each point is on a surface, and whether it is isolated from its neighbours, 1 or 0.
 
     xyz : x, y and z of n points; near : flat, `width` rows for each point: the point, then its neighbours
@@ -217,13 +217,12 @@ def _judge(
             is_alone = is_alone & ((own - spacing) * off > ALONE_BOTH * spacing * spacing)
             store(alone, at, select(is_alone, yes, no))
         tile = next_tile(work)
-    return 0
 
 
 @kernel
 def _vote(
     work: Array, before: Array, alone: Array, near: Array, width: int, limits: tuple[int, int], out: Array
-) -> int:
+) -> None:
     """Write which points are on a surface after votes: points take the class of most of their 16 neighbours.
 
     before : (n,) 1 for surface points, else 0; alone : (n,) over 0 for isolated points, which get 0
@@ -241,11 +240,10 @@ def _vote(
             voted = select(count >= keep, zeros() + ONE, select(count < lose, zeros(), load16(before, at)))
             store(out, at, select(load16(alone, at) > ZERO, zeros(), voted))
         tile = next_tile(work)
-    return 0
 
 
 @kernel
-def _medians(work: Array, values: Array, near: Array, width: int, out: Array) -> int:
+def _medians(work: Array, values: Array, near: Array, width: int, out: Array) -> None:
     """Write the median of the values over each point and its 8 nearest neighbours.
 
     near : flat, `width` rows for each point: the point, then its neighbours
@@ -257,7 +255,6 @@ def _medians(work: Array, values: Array, near: Array, width: int, out: Array) ->
             at = min(begin, len(out) - LANES)
             store(out, at, _median(values, near, at * width, width))
         tile = next_tile(work)
-    return 0
 
 
 def judge(
