@@ -205,7 +205,7 @@ def _with_neighbors_ahead(cloud: Cloud, neighborhood: Neighborhood, gaps: Floats
 
     gaps : (n, 3) unit direction of the gap at each point
 
-    On this side there may be enough dense points to fill the list of neighbours, so that none across the gap is in it.
+    Dense points on the point's own side may fill the list of neighbours, so that none across the gap is in it.
     """
     here = cloud.positions[neighborhood.rows]
     steps = 2 * distances(cloud.positions, neighborhood, -1)[:, None] * gaps[neighborhood.rows]
