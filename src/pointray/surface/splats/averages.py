@@ -22,7 +22,7 @@ def attribute_averages(
 ) -> dict[str, NDArray[Any]]:
     """Average attributes over groups of points: means, or the most common value of categories such as classes.
 
-    Dtypes are kept; means of integers are rounded.
+    Returns arrays (g, ...) by the same names, with the same dtypes; means of integers are rounded.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def have_categories(name: str, chunks: Iterable[NDArray[Any]]) -> bool:
 def has_categories(name: str, values: NDArray[Any]) -> bool:
     """Return whether values are categorical, so that their mean is meaningless: classes, or station numbers.
 
-    values : (n, ...) of an attribute; name : of this attribute, which may show that it holds labels
+    values : (n, ...) of an attribute; name : of this attribute; integers in "classification", say, are categories
     """
     if values.ndim == 1 and values.dtype.kind != "f" and is_label(name):
         return True

@@ -32,9 +32,9 @@ def _turn(x: float, y: float) -> float:
 
 @inline
 def insert(found: Array, count: int, x: float, y: float) -> int:
-    """Insert a direction (x, y), unless it is zero, into the first `count` rows of `found`; return their new number.
+    """Insert a direction (x, y), unless it is zero, into the `count` rows of `found`; return the new number of rows.
 
-    Rows are turn, x, y, sorted by turn: a number from -2 to 2 that increases with the angle.
+    Columns are turn, x, y. Rows are sorted by turn, a number from -2 to 2 that increases with the angle.
     """
     if x == 0.0 and y == 0.0:
         return count
@@ -56,7 +56,8 @@ def _closed_directions(
     near : rows of the neighbours; axes : two tangents
     found : output, rows turn, x, y, sorted by turn, a number that increases with the angle
 
-    A neighbour across a fold also closes the direction of the fold, as it may itself lie on the same side as others.
+    A neighbour across a fold (a crest, a crevice) also adds the direction towards the fold: the surface continues
+    there, even if that neighbour itself lies in another direction.
     """
     u, v = axes
     count = 0
@@ -79,7 +80,7 @@ def _closed_directions(
 
 @inline
 def widest(found: Array, count: int) -> tuple[float, float]:
-    """Return the widest gap between directions as an angle, 0 if it is below 115 degrees, and the angle of its middle.
+    """Return the widest gap between directions, 0 if it is below 115 degrees, and the angle of its middle, in radians.
 
     found : `count` rows turn, x, y, sorted by turn, a number that increases with the angle
     """

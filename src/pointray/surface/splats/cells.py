@@ -59,7 +59,8 @@ def cloud_of(positions: Floats, normals: Floats, tree: NeighborTree | None) -> C
 class Cells:
     """Voronoi cells of all points of a cloud, in their tangent planes.
 
-    Each cell is measured with 20 neighbours, and with up to 80 and some more while a farther one could change it.
+    Each cell is measured with 20 neighbours. If farther ones could change it, it is measured again with up to 80, and
+    beside a gap in the surface also with points from across the gap.
 
     Attributes
     ----------
@@ -100,7 +101,7 @@ class Cells:
     def _look_for_gaps(self, neighborhood: Neighborhood, found: Closed) -> None:
         """Set `gaps` and `at_gap` for points at which the surface may end, those with `found.gap`.
 
-        neighborhood : the points that `found` describes, and their neighbours. Nearly all of them need no search.
+        neighborhood : the points that `found` describes, and their neighbours
         """
         some = np.flatnonzero(found.gap)
         rows = neighborhood.rows[some].astype(np.int64)
@@ -121,7 +122,7 @@ class Cells:
     def _settle_again(self, rows: Rows, level: int) -> Rows:
         """Measure cells with more neighbours; return the rows that even more neighbours could change.
 
-        level : AGAIN, THEN or AHEAD: with 40 neighbours, 80, or 80 and some from across the gap
+        level : AGAIN, with 40 neighbours; THEN, with 80; AHEAD, also with points from across the gap beside each point
         """
         self._level[rows] = level
         left = [rows[:0]]
@@ -134,7 +135,8 @@ class Cells:
     def _neighborhoods(self, rows: Rows, level: int) -> Iterator[Neighborhood]:
         """Yield points and their neighbours, at most 65,536 points at a time.
 
-        level : FIRST, AGAIN, THEN or AHEAD: with 20 neighbours, 40, 80, or 80 and some from across the gap
+        level : FIRST, AGAIN or THEN, with 20, 40 or 80 neighbours; AHEAD, with 80 and points from across the gap beside
+            each point
         """
         for start in range(0, len(rows), PART):
             some = np.ascontiguousarray(rows[start : start + PART], np.int32)  # so that kernels need one signature
@@ -157,7 +159,7 @@ class Cells:
         return found
 
     def measure(self, rows: Rows, typical: Floats, void: float) -> Rows:
-        """Measure cells of `rows` again without vertices across wide gaps; return the rows where the surface continues.
+        """Measure cells of `rows` again without vertices across wide gaps; return the rows that are on no open border.
 
         typical : (n,) typical distance to a cell's farthest vertex around each point
         void : widest gap that is closed, in these distances
@@ -203,7 +205,7 @@ def _with_neighbors_ahead(cloud: Cloud, neighborhood: Neighborhood, gaps: Floats
 
     gaps : (n, 3) unit direction of the gap at each point
 
-    On this side there may be enough dense points to fill the list of neighbours, so that none across the gap is in it.
+    Dense points on the point's own side may fill the list of neighbours, so that none across the gap is in it.
     """
     here = cloud.positions[neighborhood.rows]
     steps = 2 * distances(cloud.positions, neighborhood, -1)[:, None] * gaps[neighborhood.rows]

@@ -126,12 +126,13 @@ def _place_neighbors(
 
     table : position, normal and two zeros of each point of the cloud
     own : positions and normals of the 16 points, and the factor that scales the last neighbour's distance to 1
-    neighborhood : rows of neighbours, flat, the start of the 16 points' neighbours in it, and columns for each point
+    neighborhood : rows of neighbours, flat; start of the 16 points' neighbours in it; number of rows for each point
     memory : for neighbour k, q.x of the 16 points at 32 k and q.y at 32 k + 16
 
-    Returns the largest q, of the nearest neighbour (x, y, its square, its index); the squared distance from which folds
-    bring neighbours closer, and where three sheets may meet; the sectors with neighbours, where the first 8 neighbours
-    are all on the point's own sheet, and where a neighbour has the opposite normal.
+    Returns three tuples for each point: the largest q, of the nearest neighbour (x, y, its square, its index); the
+    largest squared distance of a neighbour that unfolding brings closer, and whether three sheets may meet; a bit for
+    each of 32 sectors with neighbours, whether the first 8 neighbours are all on the point's own sheet, and whether a
+    neighbour may have the opposite normal.
     """
     at, n, shrink = own
     near, start, width = neighborhood
@@ -239,7 +240,7 @@ def _measure_closed(work: Array, table: Array, rows: Array, neighborhood: tuple[
 
     table : position, normal and two zeros of each point of the cloud; rows : the points to measure, at least 16
     neighborhood : rows of each of these and its neighbours, flat, and their number for each point
-    out : distance to the farthest vertex, state and so on of each cell
+    out : output, distance to the farthest vertex, state and the other fields of `Closed` for each cell
     """
     table, rows = borrow(table), borrow(rows)
     (near, width), (reach, state, gap, fourth, one_sheet, facing) = borrow(neighborhood), borrow(out)

@@ -70,7 +70,7 @@ def _count(splats: Splats, s: int, times: Array, change: int) -> None:
 def choose(pool: Splats, cloud: Cloud, times: NDArray[np.int32]) -> NDArray[np.int32]:
     """Choose splats of a pool greedily, by newly covered area, until each point is covered; return their rows.
 
-    times : (n,) number of splats over each point, which may be covered before; updated
+    times : (n,) number of splats over each point before, 0 where a splat is needed; chosen splats are added
     """
     return np.asarray(run(_choose, 1, pool, cloud.area, times)[0])
 
@@ -109,7 +109,7 @@ def _take_away(
 
     over : starts and rows of the splats over each point; cover : number of chosen splats over each point, and mask of
         chosen splats; both are updated
-    seen : last mark of each splat, and the mark of this search
+    seen : number of the last search that visited each splat, updated, and the number of this search
     crowd, bare : output, removed splats and uncovered points
 
     Returns the number of splats removed and the number of uncovered points.
@@ -142,8 +142,8 @@ def _take_away(
 def _gains(over: Over, area: Array, bare: Array, seen: Seen, gain: Array, found: Array) -> int:
     """List in `found` the splats over the uncovered points `bare`; return their number.
 
-    over : starts and rows of the splats over each point; area : (n,) of each point; seen : last mark of each splat, and
-        the mark of this search
+    over : starts and rows of the splats over each point; area : (n,) area that each point represents
+    seen : number of the last search that visited each splat, updated, and the number of this search
     gain : output, the area that each splat would cover
     """
     met, mark = seen
@@ -257,7 +257,7 @@ def _relax(
 def relax(
     pool: Splats, cloud: Cloud, rows: NDArray[Any], goal: int = 0, passes: int = PASSES, progress: Any = None
 ) -> NDArray[np.int64]:
-    """Return the rows of fewer splats of a pool that cover as much as those in `rows`.
+    """Return the rows of fewer splats of a pool that together cover the same points as those in `rows`.
 
     goal : least number of splats; passes : maximum number of passes over all splats, which end when no splat is saved
 

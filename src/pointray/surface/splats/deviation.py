@@ -93,12 +93,12 @@ def _find(splats: Gated, boxes: Boxes, box: Box, stack: Array, found: Array) -> 
 
 @routine
 def _evaluate(splats: Gated, near: Array, x: Vec3, n: Vec3) -> tuple[float, Vec3, float]:
-    """Return f at x, its gradient, and the distance of x from the mean centre of its splats in mean radii.
+    """Return f at x, its gradient, and the distance of x from the mean centre of the blended splats in mean radii.
 
     splats : positions, normals, radii, and 1 for those on sheets close together, which count only if they face n
     near : rows of the splats to blend; n : normal of the point at x
 
-    Without support, f and the distance are inf.
+    Where no support contains x, f and the distance are inf.
     """
     centers, normals, radii, sheets = splats
     total = square_radius = qn = qq = 0.0
@@ -127,15 +127,15 @@ def _evaluate(splats: Gated, near: Array, x: Vec3, n: Vec3) -> tuple[float, Vec3
 
 @routine
 def _deviation(splats: Gated, near: Array, x: Vec3, n: Vec3, close: float) -> tuple[float, float]:
-    """Return the signed distance of x from the surface, positive outside, and that from the mean centre of its splats.
+    """Return the signed distance of x from the surface, positive outside, and its distance from the mean splat centre.
 
     splats : positions, normals, radii, and 1 for those on sheets close together; near : rows of those near x
     n : normal of the point at x; close : distances up to this need no refinement
 
-    The distance is f over the length of its gradient. If that exceeds `close`, two secant steps along n find the root
-    of f, because the first estimate is wrong by factors at sharp edges. A surface of opposite orientation counts, as it
-    does for rays: normals in debris differ from those around. The second result is in mean radii of the splats; without
-    a root, both are inf.
+    The first is f over the length of its gradient. If that exceeds `close`, two secant steps along n find the root of
+    f, because the first estimate is wrong by factors at sharp edges. A surface of opposite orientation counts, as it
+    does for rays: normals in debris differ from those around. The second result is in mean radii of the blended
+    splats; without a root, both are inf.
     """
     f, g, hollow = _evaluate(splats, near, x, n)
     lean = dot(g, n)

@@ -49,7 +49,8 @@ def _on_sheet(positions: Array, normals: Array, i: int, near: Array, axes: tuple
     """Write the tangent directions of the neighbours that lie on a rough sheet with point i; return their number.
 
     They have similar normals and are near an arc perpendicular to both. positions, normals : flat
-    near : row i, then its neighbours; axes : two tangents; found : output, rows turn, x, y, sorted by angle
+    near : row i, then its neighbours; axes : two tangents
+    found : output, rows turn, x, y, sorted by turn, a number that increases with the angle
     """
     u, v = axes
     count = 0
@@ -68,7 +69,7 @@ def _survey(
 ) -> None:
     """Count the neighbours on a rough sheet with each row; find rims, where these leave half of all directions open.
 
-    On a rough sheet are points near an arc, with similar normals.
+    Two points are on a rough sheet if their normals are similar and both are near an arc perpendicular to the normals.
 
     cloud : flat positions and normals; neighborhood : rows (m,), and each row with its neighbours (m, k)
     counts : (m,) output; out : (m, 3) output, direction of a gap over 180 degrees wide, or zero; empty if not needed
@@ -149,7 +150,7 @@ def _counts(
 ) -> tuple[Floats, Floats]:
     """Return the number of neighbours on a rough sheet with each row, (m,), and the outward direction at rims.
 
-    On a rough sheet are points near an arc, with similar normals.
+    Two points are on a rough sheet if their normals are similar and both are near an arc perpendicular to the normals.
 
     cloud : flat positions and normals; near : (m, k) each row and its neighbours
     directions : whether to compute the second result: (m, 3), the middle of the gap where these neighbours leave over

@@ -51,9 +51,10 @@ Around = Callable[[NDArray[Any]], NDArray[np.int32]]
 
 @inline
 def bend(positions: Array, normals: Array, i: int, j: int) -> tuple[float, float]:
-    """Return the cosine of the normals of points i and j, and how far both are off an arc, over their distance.
+    """Return the cosine between the normals of points i and j, and how far the points are off a common arc.
 
-    On an arc the connection of two points is perpendicular to the sum of their normals; signs of normals are free.
+    The arc is perpendicular to both normals: on it, the line between the points is perpendicular to the sum of the
+    normals. The deviation is divided by the distance of the points. The normals may have either sign.
     positions, normals : flat
     """
     d = sub(load3_flat(positions, 3 * j), load3_flat(positions, 3 * i))
@@ -263,7 +264,7 @@ def largest_reach(positions: Floats, statistics: CloudStatistics) -> float:
     """Return the largest reach of a disc in disorder, as in a tree crown, or the largest radius of a sphere.
 
     The reach is the distance to the farthest vertex of a Voronoi cell. The limit covers less than 2% of an image that
-    the cloud fills. Clouds of up to 20 points have none.
+    the cloud fills; it is inf for clouds of up to 20 points.
     """
     count = len(positions)
     share = statistics.get_or_compute(

@@ -50,7 +50,7 @@ class Splats(NamedTuple):
     seeds : (m,) int32, row of the centre point of each splat
     starts : (m + 1,) int64, start of each splat's points in `members`, and the end
     members : int32, rows of the covered points, splat by splat, nearest first
-    widths : (m,) float32, maximum width: the size of the surface around each splat
+    widths : (m,) float32, limit of each splat's radius, which its points need not reach; it sets the support radius
     """
 
     seeds: NDArray[np.int32]
@@ -83,7 +83,7 @@ def join(parts: list[Splats]) -> Splats:
 def _gather(starts: Array, members: Array, rows: Array, begins: Array, out: Array) -> None:
     """Copy the covered points of the splats `rows`, splat by splat.
 
-    starts, members : covered points of all splats, and where those of each start
+    starts, members : start of each splat's covered points in `members`, and the rows of these points
     begins : start of each copy in `out`, and the end
     """
     for i in range(len(rows)):
@@ -109,11 +109,11 @@ def _grow_one(
 ) -> tuple[int, float]:
     """Grow one splat around the point `seed`, from neighbour to neighbour, while its points stay near its plane.
 
-    bounds : largest radius, and largest error; queue : memory for keys and rows of a heap
+    bounds : largest radius, and half the largest range of heights over the plane; queue : memory for a heap
     stamp : for each point the last splat that visited it, and the number of this splat
     out : rows of the covered points
 
-    Returns the number of covered points and the squared distance of the last.
+    Returns the number of covered points and the squared distance of the last from the seed.
     """
     keys, rows = queue
     met, mark = stamp
@@ -162,9 +162,9 @@ def _with_capacity(array: Array, used: int, more: int) -> Array:
 
 @kernel
 def _grow(work: Array, cloud: Cloud, seeds: Array, bound: Array, error: float) -> tuple[Array, Array, Array, Array]:
-    """Grow splats from seeds, each from neighbour to neighbour while the error stays within bounds.
+    """Grow splats from seeds, each from neighbour to neighbour while its points stay near its plane.
 
-    seeds : (m,) rows; bound : (n,) largest radius at each point; error : largest error
+    seeds : (m,) rows; bound : (n,) largest radius at each point; error : half the largest range of heights over a plane
 
     Returns, in the order in which this thread grew them, the seed's index, number of covered points and radius of each
     splat, and the rows of all covered points.
@@ -190,9 +190,10 @@ def _grow(work: Array, cloud: Cloud, seeds: Array, bound: Array, error: float) -
 
 
 def grow(cloud: Cloud, seeds: NDArray[np.int32], bound: Floats, error: float) -> tuple[Splats, Floats]:
-    """Grow a splat around each seed, no wider than `bound` (n,); also return the radius that each reached.
+    """Grow a splat around each seed; return the splats and the radius that each reached, (m,).
 
-    seeds : (m,) rows of centre points; error : half the largest range of heights of a splat's points over its plane
+    seeds : (m,) rows of centre points; bound : (n,) largest radius at each point
+    error : half the largest range of heights of a splat's points over its plane
     """
     results = run(_grow, -(-len(seeds) // CHUNK), cloud, seeds, bound, float(error))
     which, counts, radii, members = (np.concatenate(column) for column in zip(*results, strict=True))

@@ -136,9 +136,9 @@ def _bend(own: Triple, normal: Triple, place: Triple, other: Triple) -> tuple[F1
 
     own, normal : positions and normals of the points; place, other : of the neighbours
 
-    Returns the height of a neighbour over the arc through both points, and over the point's plane, both over the
-    distance. The third number is 1 if the neighbour faces the same way; otherwise the first three are 0. The fourth is
-    1 if both points lie in one plane according to their normals.
+    Returns how far each neighbour is off an arc perpendicular to both normals, and off the point's plane, both divided
+    by the distance of the points. The third number is 1 if the neighbour faces the same way; otherwise the first three
+    are 0. The fourth is 1 if both points lie in one plane according to their normals.
     """
     away = difference(place, own)
     size = vmax(vsqrt(inner(away, away)), broadcast16(f32(TINIEST)))
@@ -158,8 +158,8 @@ def _off_arcs(work: Array, xyz: Xyz, normals: Xyz, near: Array, width: int, colu
     """Write how far neighbours columns[0]:columns[1] are off arcs perpendicular to both normals, and off planes.
 
     xyz, normals : x, y and z of all points; near : flat rows of neighbours, `width` for each point
-    out : mean height over the arcs and over the points' planes, over the distance (1 if no neighbour faces the same
-        way); number of neighbours that lie in one plane with the point
+    out : outputs: mean deviations from the arcs and from the points' planes, divided by the neighbours' distances (1 if
+        no neighbour faces the same way); number of neighbours that lie in one plane with the point
     """
     xyz, normals, near, out = borrow(xyz), borrow(normals), borrow(near), borrow(out)
     first, end = columns
@@ -227,10 +227,10 @@ def off_arcs(
 ) -> tuple[Floats, Floats, Floats]:
     """Measure how far neighbours are from circular arcs perpendicular to both normals, and from each point's plane.
 
-    The first two results, (n,) each, are means over neighbours of height over distance. On a curved surface with true
-    normals the first is much smaller than the second; for normals fitted to scattered points they are similar.
-    Neighbours that face the other way do not count. The third result is the number of neighbours that lie in one plane
-    with the point according to both normals.
+    The first two results, (n,) each, are the mean deviations from arcs and from the plane, divided by the distances of
+    the neighbours. On a curved surface with true normals the first is much smaller than the second; for normals fitted
+    to scattered points they are similar. Neighbours that face the other way do not count. The third result, (n,), is
+    the number of neighbours that lie in one plane with the point according to both normals.
 
     xyz, normals : x, y and z of each point; near : (n, k) rows of neighbours
     columns : range (first, end) of columns of `near` to use

@@ -108,7 +108,7 @@ def choose_radii(
 
 
 def _merged(cloud: Cloud, found: Chosen, cell: float, statistics: CloudStatistics, others: Floats | None) -> Chosen:
-    """Choose radii again, with the points in each grid cell merged: clumps of points have cells that are too small.
+    """Choose radii again, with the points in each grid cell merged: in clumps, Voronoi cells are too small.
 
     found : result without merging, which is returned if all points are in one grid cell
     cell : edge length of the grid cells

@@ -225,7 +225,7 @@ def _within(cloud: Cloud, tolerance: float, report: StageProgress) -> Subset:
 
 
 def _as_many(cloud: Cloud, count: int, diagonal: float, report: StageProgress) -> Subset:
-    """Select exactly `count` splats with an error as small as possible. diagonal : of the cloud, the largest error"""
+    """Select exactly `count` splats with an error as small as possible. diagonal : of the cloud, limits the error"""
     if count == len(cloud.positions):
         return fit(cloud, _single(np.arange(count), cloud.radii), diagonal * FINEST)
     splats, sizes, error = _meet(cloud, count, diagonal, report)
@@ -246,9 +246,11 @@ def _as_many(cloud: Cloud, count: int, diagonal: float, report: StageProgress) -
 
 
 def _first(ratio: Floats, number: int) -> Floats:
-    """Return the `number` largest ratios, relative to the least of them and at least 1.001; 0 for all others.
+    """Select the `number` splats with the largest errors, to refine only these; return relative errors, 0 for others.
 
-    ratio : (m,) error of each splat over the tolerance. Splats with a result over 1 are refined next.
+    ratio : (m,) error of each splat over the tolerance
+
+    The errors, (m,), are relative to the least of those selected, but at least 1.001: splats over 1 are refined.
     """
     first = np.argsort(-ratio, kind="stable")[:number]
     out = np.zeros_like(ratio)
@@ -257,11 +259,13 @@ def _first(ratio: Floats, number: int) -> Floats:
 
 
 def _meet(cloud: Cloud, count: int, diagonal: float, report: StageProgress) -> tuple[Splats, Floats, float]:
-    """Select at most `count` splats, and not many fewer, by trying error bounds; some are left for refinement.
+    """Select at most `count` splats, and not many fewer, by trying error bounds.
 
     diagonal : of the cloud, the largest bound
 
-    Returns the splats, the largest possible size of a splat at each point (n,), and the error bound.
+    The number falls short of `count`, so that splats with large errors can be replaced by several smaller ones.
+
+    Returns the splats, the largest radius of a splat at each point (n,), and the error bound.
     """
     goal = max(int((1 - RESERVE) * count), 1)
     report("sizes", 0.0)
@@ -310,7 +314,8 @@ def _single(rows: NDArray[Any], widths: Floats) -> Splats:
 def _more(cloud: Cloud, subset: Subset, number: int) -> Splats:
     """Return `number` more splats of one point each, to reach an exact count.
 
-    subset : splats so far. The first new ones lie beside each of these, by increasing error, as they disturb the fit.
+    subset : splats so far. New ones lie at points that these cover: first one for each of these, then more, by
+        increasing error, because new splats disturb the fit.
     """
     splats = subset.splats
     free = np.ones(len(cloud.positions), np.bool_)

@@ -47,7 +47,7 @@ class Subset(NamedTuple):
 
 
 def measure(cloud: Cloud, error: float, times: int = SIZE_SAMPLES, wanted: NDArray[np.bool_] | None = None) -> Floats:
-    """Return the largest size of splats at each point (n,) within an error bound, and not much above its neighbours'.
+    """Return the largest radius of a splat at each point within an error bound, (n,); neighbours differ little.
 
     times : splats that are grown over each point to measure; wanted : (n,) bool, points to measure, default: all
     """
@@ -60,7 +60,7 @@ def measure(cloud: Cloud, error: float, times: int = SIZE_SAMPLES, wanted: NDArr
 
 
 def grade_sizes(cloud: Cloud, sizes: Floats) -> Floats:
-    """Lower sizes (n,) of splats so that they change gradually, but not below a share of the cloud's spacing.
+    """Lower radii of splats (n,) so that they change gradually, but not below a share of the cloud's spacing.
 
     A large support that reaches into fine detail would spoil it.
     """
@@ -71,7 +71,7 @@ def grade_sizes(cloud: Cloud, sizes: Floats) -> Floats:
 def select(cloud: Cloud, sizes: Floats, error: float, progress: StageProgress) -> Splats:
     """Select splats that cover every point: greedily by newly covered area, then relaxed to fewer.
 
-    sizes : (n,) largest size of a splat at each point; error : largest error of a splat
+    sizes : (n,) largest radius of a splat at each point; error : largest error of a splat
     """
     pool, rows = select_greedily(cloud, sizes, error)
     return pool.pick(relax(pool, cloud, rows, progress=progress))
@@ -80,7 +80,7 @@ def select(cloud: Cloud, sizes: Floats, error: float, progress: StageProgress) -
 def select_greedily(cloud: Cloud, sizes: Floats, error: float) -> tuple[Splats, NDArray[np.int32]]:
     """Return candidate splats, and the rows of those that a greedy selection by newly covered area chooses, (m,) int32.
 
-    sizes : (n,) largest size of a splat at each point; error : largest error of a splat
+    sizes : (n,) largest radius of a splat at each point; error : largest error of a splat
     """
     pool, _ = grow_pool(cloud, sizes, error, CANDIDATES)
     return pool, choose(pool, cloud, np.zeros(len(sizes), np.int32))
@@ -154,10 +154,10 @@ def worst(subset: Subset, tolerance: float) -> Floats:
 def shrink_splats(cloud: Cloud, subset: Subset, sizes: Floats, error: float, ratio: Floats) -> tuple[Splats, Floats]:
     """Shrink splats of a subset whose error is too large, and cover their points again with smaller ones.
 
-    sizes : (n,) largest size of a splat at each point; error : bound for new splats
+    sizes : (n,) largest radius of a splat at each point; error : largest error of a new splat
     ratio : (m,) error of each splat over the tolerance; over 1 it is shrunk
 
-    Returns the new splats and sizes.
+    Returns the splats that remain together with the new ones, and the reduced sizes.
     """
     splats = subset.splats
     shrunk = splats.widths * np.clip(SHRINK[1] * np.maximum(ratio, 1) ** -0.5, *SHRINK)

@@ -200,14 +200,14 @@ def up_to_seam(cloud: tuple[Array, Array], i: int, one: int, other: int, distanc
 def _reach(
     cloud: tuple[Array, Array], i: int, corners: Array, count: int, known: tuple[float, Array, float], ahead: Vec2
 ) -> tuple[float, bool]:
-    """Return the distance to the farthest vertex of a Voronoi cell that counts, and whether the surface continues.
+    """Return the distance to the farthest vertex of a Voronoi cell, and whether its point is on no open border.
 
     cloud : flat positions and normals; corners : of the cell of point i, `count` rows: x, y, neighbour behind the side
     known : the typical distance to the farthest vertex at this point; that at all points; the widest gap, in units of
         it, that is closed
     ahead : direction of a possible gap in the surface, or zero
 
-    Vertices across wider gaps do not count. Each side also contributes its point closest to the origin.
+    Vertices across wider gaps do not count. Each side also counts with its point closest to the origin.
     """
     own, typical, void = known
     within, beyond, closed, facing = 0.0, 0.0, True, False
@@ -251,7 +251,7 @@ def _measure(
 ) -> None:
     """Write the distance to the farthest vertex of each row's Voronoi cell, and whether the cell is closed.
 
-    With typical distances, the second result is whether the surface continues there.
+    With typical distances, the second result is whether the point is on no open border.
 
     rows : (m,) the points; near : (m, k) each point, then its neighbours, nearest first; out : (m,) for both results
     known : outward directions at possible gaps, flat, and typical distances to the farthest vertex (both may be empty);
@@ -323,7 +323,8 @@ def measure_cells(
     reach : (m,) float32
         Distance to the farthest vertex; 0 where no neighbour bounds the cell.
     closed : (m,) bool
-        Without `typical`, whether no farther neighbour could change the cell; else whether the surface continues.
+        With `gaps` and `typical`, whether the point is on no open border; else whether no farther neighbour could
+        change the cell.
     """
     reach, closed = np.empty(len(neighborhood.rows), np.float32), np.empty(len(neighborhood.rows), np.bool_)
     none = np.empty(0, np.float32)

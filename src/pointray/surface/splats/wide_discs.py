@@ -133,7 +133,7 @@ def _on_one_sheet(
     """Return which points lie on a smooth sheet with each row: near a circular arc perpendicular to both normals.
 
     rows : (m,); found : (m, k) rows of the points to test, the shape of the result
-    level : (m,) length of which the tolerance is a share if a point is closer than that
+    level : (m,) length; the tolerance is a share of the distance of both points, or of this if it is greater
 
     Signs of normals are free.
     """

@@ -245,7 +245,9 @@ def _evidence(
 
 
 def _coarse_planes(positions: Floats, xyz: tuple[Floats, ...], parts: _Parts, threads: int | None) -> LocalPlanes:
-    """Fit planes to the middle points around each part; return them for each point, with the point's own offset.
+    """Fit planes to the middle points around each part; return that of its part for each of n points.
+
+    The offset of the result is the signed distance of the point itself from that plane.
 
     positions : (n, 3); xyz : their columns; parts : consecutive points in kd order, with a middle point each
     """

@@ -23,7 +23,7 @@ LINE_SLIM, WIRES_GAP = 0.2, 2.0
 
 
 class Normals(NamedTuple):
-    """Unit normals of n points, and whether they were fitted to the positions, which makes them weaker evidence.
+    """Unit normals of n points, and whether they were fitted to the positions: weaker evidence of a surface.
 
     xyz : three of (n,) float32
     """
@@ -57,8 +57,8 @@ def follow_normals(
 def _off_lines(near: NDArray[np.int32], evidence: Evidence, threads: int | None) -> NDArray[np.bool_]:
     """Return where a point's neighbours form neither a line nor wires side by side, (n,).
 
-    near : (n, k) rows of each point and its neighbours; evidence : planes fitted at four scales, with variances and
-        reach
+    near : (n, k) rows of each point and its neighbours
+    evidence : planes fitted at four scales, with ratios of variances and distances of the farthest neighbours
     """
     slim, slimmer = (medians(values, near, threads) for values in evidence.slimnesses[1:3])
     wide, far = (medians(values, near, threads) for values in evidence.reaches[1:])

@@ -35,7 +35,9 @@ class ScatteredPoints(NamedTuple):
         return Splats(points.positions, np.asarray(points.normals), self.radii, rows, points.colors)
 
     def drawing(self, scatter: str, cell: float) -> Drawing:
-        """Return how to draw the points, with the factor for radii for which `spacing_of` returns `cell`.
+        """Return how to draw the points of a level, with a factor for radii that makes its spacing equal to `cell`.
+
+        The spacing is the result of `spacing_of`, the support radius of an equally dense surface.
 
         scatter : "spheres", "discs" or "none"; cell : edge length of the grid cells that the points were averaged in
         """

@@ -179,6 +179,7 @@ def _judge(
     scales : of planes at four scales the mean squared sine between neighbours, the deviation of the neighbours, the
         ratio of their variances, and the distance of the point
     normals : of the planes at the two coarse scales; reaches : distances of the farthest neighbours at three scales
+    out : outputs, (n,) for both results
     """
     xyz, near, scales, normals, reaches = borrow(xyz), borrow(near), borrow(scales), borrow(normals), borrow(reaches)
     (bends, thicknesses, slimnesses, offsets), (surface, alone) = scales, borrow(out)
