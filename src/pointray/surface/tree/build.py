@@ -83,8 +83,8 @@ def build_tree(
     in_order : bool
         Whether the splats are already in `kd_order` or in another order that keeps neighbours together.
     whole : WholeModel, optional
-        Parameters of the whole model if the splats are only a part of it. The splats must be in its kd order, in whole
-        groups of 256 (64 blocks), so that `whole.top` refers to them by group. None: the splats are the whole model.
+        Parameters of the whole model if the splats are only a part of it. The splats must be in kd order, in whole
+        groups of 256 (64 blocks), as `whole.top` refers to these by number. None: the splats are the whole model.
     """
     report = progress or (lambda share: None)
     n = len(splats.radii)

@@ -207,7 +207,7 @@ def cut_roots(
     limits: tuple[float, float, int],
     out: tuple[Cells, Array],
 ) -> int:
-    """Cut roots, boxes at the top of a kd-tree, into voxels, in the middle of their longest edges; one thread for each.
+    """Cut roots, boxes at the top of a kd-tree, into voxels, in the middle of their longest edges, each by one thread.
 
     roots : (roots + 1, 3) where the nodes, block references and groups of each root begin; numbers of the groups of
         blocks that may overlap the roots; for each root the margin around it within which splats matter

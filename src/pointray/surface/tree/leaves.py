@@ -188,9 +188,9 @@ def _cut_by_slab(slab: Slab, box: Array) -> None:
 
 @inline
 def _is_marked(marks: Array, refs: Array, span: Array) -> bool:
-    """Return whether any splat in the blocks of a voxel is on an open border, or on a sheet close to another one.
+    """Return whether any splat in a voxel's blocks is marked: as on an open border, or as on one of two close sheets.
 
-    marks : (blocks * 4 * 3,), for each splat a direction if it is, else zero; or of length 0 if none is
+    marks : (blocks * 4 * 3,), for each splat a direction if it is marked, else zero; or of length 0 if none is
     refs : numbers of the blocks that voxels list; span : the voxel's range in them
     """
     if marks.size == 0:

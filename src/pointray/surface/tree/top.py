@@ -207,7 +207,7 @@ def _one_root(top: Top) -> Top:
 
 
 def _root_boxes(groups: Groups) -> tuple[NDArray[np.float64], int]:
-    """Return boxes around the positions of the splats of each root, (m, 6), and the number of groups of blocks per root.
+    """Return boxes around the positions of each root's splats, (m, 6), and the number of groups of blocks per root.
 
     A root is a box that one thread cuts into voxels. groups : all groups of the model
     """
