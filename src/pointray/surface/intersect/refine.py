@@ -122,7 +122,10 @@ def first_samples(word: Bits) -> Bits:
 
 @inline
 def sample(vector: F16, one: Mask) -> F16:
-    """Repeat one selected lane of each of four rays in all its samples; 0 if none is. one : mask of these lanes"""
+    """Repeat the selected sample of each of four rays in all four lanes of the ray; 0 for rays without one.
+
+    one : mask of the selected lanes, at most one for each ray; sample s of ray r is in lane 4 s + r
+    """
     return sum_over_quarters(select(one, vector, broadcast16(ZERO)))
 
 

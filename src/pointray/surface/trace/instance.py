@@ -35,7 +35,7 @@ def _enter(matrix: ToModel, box: Box, i: int, scratch: Scratch) -> None:
     matrix : from the world to the model
     box : the model's bounds; its longest sample step, and 1 / step; whether it consists of discs; and whether it has
         scattered points. The last two matter to the start rule: a ray from outside the bounds starts on no disc and
-        on no scattered point, and a ray that starts on no surface starts on no disc
+        on no scattered point, and a ray of a camera or of a caller starts on no disc
     """
     wide, rows, (bounds, step, discs, scattered) = scratch.world, scratch.model, box
     ray = (load3(wide, sc.ORIGIN + i), load3(wide, sc.DIRECTION + i), wide[sc.T_MIN + i], wide[sc.NEAREST + i])
