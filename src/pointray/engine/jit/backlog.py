@@ -102,7 +102,7 @@ class Backlog:
 class Counts:
     """Statistics of the compilation of kernels by this process so far.
 
-    kernels : number of kernels compiled, also by the second process that compiles for this one, without loaded ones
+    kernels : number of kernels compiled by this process, or for it by a second one, without those loaded from disk
     seconds : time spent compiling or waiting for the second process
     times : processor time of each kernel compiled in this process, in seconds
     """

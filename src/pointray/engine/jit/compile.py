@@ -50,7 +50,9 @@ def type_of(value: Any) -> Any:
 
 
 def _compile_alone(dispatcher: Any, signature: Any) -> Any:
-    """Load a kernel from disk, or compile it; if several threads or processes need it, one does and others wait.
+    """Load a kernel from disk, or compile it; return what Numba's `Dispatcher.compile` returns, the function to call.
+
+    If several threads or processes need the kernel, one compiles it and the others wait.
 
     signature : Numba types of the arguments
     """
@@ -151,7 +153,7 @@ class _Listener(event.Listener):
 
 
 def name_of(dispatcher: Any) -> str:
-    """Return the name of a dispatcher's kernel in `KERNELS`, or an empty string for a device function."""
+    """Return the full name of a dispatcher's kernel, its key in `KERNELS`, or an empty string for a device function."""
     name = f"{dispatcher.py_func.__module__}.{dispatcher.py_func.__qualname__}"
     return name if name in KERNELS and KERNELS[name].made is dispatcher else ""
 

@@ -121,6 +121,7 @@ class Later:
     The modules are imported when a kernel is compiled.
 
     modules : full names of modules, one of which defines the object; name : of the object
+    known : the modules of all placeholders
     """
 
     known: set[str] = set()  # the modules of all placeholders

@@ -54,7 +54,7 @@ def operation(typing: Any) -> Callable[[Callable[..., Any]], Any]:
 def item_pointer(code: Code, array: int, values: Any) -> Any:
     """Emit code for the address of an item of an array, and return that LLVM value.
 
-    array : position of the array among the arguments of the call, whose types are known by it
+    array : position of the array among the arguments of the call, by which its type is looked up
     values : LLVM values of the array and of the index
     """
     data = code.context.make_array(code.types.args[array])(code.context, code.builder, values[0]).data

@@ -62,7 +62,7 @@ class Library:
 
     @cached_property
     def _is_current(self) -> bool:
-        """Whether all source files are unchanged since the library was built; faster than a check of each kernel's."""
+        """Whether all source files are unchanged since the library was built; then no kernel is checked by itself."""
         try:
             return all(digest_of(ROOT / name) == digest for name, digest in self._sources.items())
         except OSError:

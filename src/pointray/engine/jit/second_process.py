@@ -74,7 +74,9 @@ def wait_for(kernel: Any, is_cancelled: Callable[[], bool]) -> bool:
 
 
 def _follow(process: subprocess.Popen[str], names: list[str]) -> None:
-    """Read from the second process which kernels are compiled; wake threads that wait for one, at its end all of them.
+    """Read from the second process which kernels are compiled; wake the threads that wait for them.
+
+    When the process ends, all waiting threads are woken.
 
     names : of the kernels that the process compiles, in order
     """

@@ -59,8 +59,8 @@ def _begin(coordinate: F16, inverse: F16) -> tuple[F16, F16, F16, F16]:
 
     coordinate : of the rays' positions, in column widths; inverse : of their directions
 
-    Returns the rays' columns (0 to 3), the sides on which they leave them (0 or 1), their steps (-1 or 1), and the last
-    columns on their way (0 or 3).
+    Returns the rays' columns (0 to 3), the faces through which they leave these (0 low, 1 high), the steps to their
+    next columns (-1 or 1), and the last columns on their way (0 or 3).
     """
     ahead = inverse > ZERO
     column = trunc(vmin(vmax(coordinate, broadcast16(ZERO)), broadcast16(LAST)))

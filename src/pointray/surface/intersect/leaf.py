@@ -208,8 +208,8 @@ def _keep(leaf: int, found: Found, asked: Bits, rays: Bits, first: int, scratch:
     """Store nearer hits of four rays of the tile; return, as bits of the tile, those to which the start rule applies.
 
     found : hits in the leaf; asked : 4 bits, rays whose hits count; first : of the four in `scratch.part`
-    rays : indices of the four in the tile, as bits; where there are fewer, the others have no hit. The loop always
-        takes four steps, so that lanes are compile-time constants, which saves 1 to 2% of the time
+    rays : indices of the four in the tile, as bits. If fewer than four bits are set, the last lanes have no hit. The
+        loop always takes four steps, so that lanes are compile-time constants, which saves 1 to 2% of the time
     """
     rows, part, lifted = scratch.model, scratch.part, i64(0)
     hits, lifts = bits(found.t < repeat4(part, sc.AT_T + first)) & asked, bits(found.lift > ZERO) & asked

@@ -91,7 +91,7 @@ def accept(
     A root is no hit if f jumps there, or if it is too far from the splats or beyond an open border.
 
     limits : 1 or -1 to accept only a sheet that faces the rays or faces away, else 0; the constant that is added to f
-        because a ray starts on the surface; and t where the rays begin, with any sign
+        because a ray starts on the surface; and t where the rays begin, or -t where the start rule does not apply
     """
     sought_side, lift, begin = limits
     asked = bits(root.t < INF)

@@ -122,13 +122,19 @@ def first_samples(word: Bits) -> Bits:
 
 @inline
 def sample(vector: F16, one: Mask) -> F16:
-    """Repeat one selected lane of each of four rays in all its samples; 0 if none is. one : mask of these lanes"""
+    """Repeat the selected sample of each of four rays in all four lanes of the ray; 0 for rays without one.
+
+    one : mask of the selected lanes, at most one for each ray; sample s of ray r is in lane 4 s + r
+    """
     return sum_over_quarters(select(one, vector, broadcast16(ZERO)))
 
 
 @inline
 def place(frame: Frame, t: F16, start: F16) -> tuple[F16, F16, F16]:
-    """Return the points at t on the rays. start : t near them; from there differences between samples are exact"""
+    """Return the points at t on the rays.
+
+    start : t of a base point nearby, relative to which they are computed, so that float32 resolves their differences
+    """
     x, y, z = start * frame.dx + frame.x, start * frame.dy + frame.y, start * frame.dz + frame.z
     s = t - start
     return s * frame.dx + x, s * frame.dy + y, s * frame.dz + z
@@ -155,15 +161,15 @@ def evaluate(tree: Tree, scratch: Scratch, frame: Frame, t: F16) -> tuple[F16, F
 
 @inline
 def crossing(a: F16, b: F16) -> Mask:
-    """Return whether the sign changes between two values that both exist (zero counts as positive)."""
+    """Return whether the signs of two values differ: zero counts as positive, and NaN has no sign."""
     return ((a < ZERO) & (b >= ZERO)) | ((a >= ZERO) & (b < ZERO))
 
 
 @inline
 def foot_of(means: Means, u4: F16) -> Foot:
-    """Return the direction in which f rises, and the squared distance of x from the mean centre of the splats.
+    """Return the direction in which f rises at sixteen points, and their squared distance from the splats' mean centre.
 
-    u4 : curvature term of the fitted sphere, 0 except for apss
+    means : over the splats near each point; u4 : curvature term of the fitted sphere, 0 except for apss
     """
     bend = TWO * u4
     return Foot(
@@ -187,10 +193,11 @@ def unit(foot: Foot) -> tuple[tuple[F16, F16, F16], Mask]:
 
 @inline
 def _between(foot: Foot, after: Any, share: F16) -> Foot:
-    """Interpolate normal and distance between a sample and the one before it; 0 without a bit.
+    """Interpolate normal and distance between two successive samples of each ray, for its root of f between them.
 
-    foot : both at all samples; after : bits of the second samples, one for each ray
-    share : 0 at the first, 1 at the second
+    foot : normal and distance at all samples, sample s of ray r in lane 4 s + r
+    after : bits of the second samples, at most one for each ray; a ray without a bit gets zeros
+    share : position of the root, 0 at the first sample, 1 at the second
     """
     before, after = mask16(after >> 4), mask16(after)
     nothing = broadcast16(ZERO)

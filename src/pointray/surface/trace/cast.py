@@ -199,7 +199,7 @@ def _occluded(
 def _blend_attribute(
     work: Array, world: World, found: tuple[Array, int, Array, Array, Array], values: Array, width: int, out: Array
 ) -> None:
-    """Blend one attribute at hits on one model, with the weights of f; without weights take the hit point's value.
+    """Blend one attribute at hits on one model, with the weights of f; if all are zero, take the hit point's value.
 
     found : rows of the hits; the model's index; then leaf, local (position in the model) and point (row) of all hits
     values : (n * width,) float64, in the caller's order of points; out : (hits * width,)

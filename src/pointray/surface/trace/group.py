@@ -98,7 +98,7 @@ def _copy(rows: Array, source: int, target: int, row: int) -> None:
 
 @inline
 def save_rays(scratch: Scratch) -> None:
-    """Save the rows of all rays of the tile in `scratch`, without hits, before groups of them use these rows."""
+    """Copy all rays of the tile, without hits, elsewhere in `scratch`, before groups are packed in their place."""
     for row in RAY_ROWS:
         _copy(scratch.model, 0, sc.SAVED_ROWS, row)
     _copy(scratch.model, 0, sc.SAVED_ROWS, sc.LENGTH)

@@ -28,12 +28,14 @@ Box: TypeAlias = tuple[Bounds, tuple[float, float], bool, bool]  # see `_enter`
 
 @inline
 def _enter(matrix: ToModel, box: Box, i: int, scratch: Scratch) -> None:
-    """Transform ray i of the tile into a model's space, starting where it enters the bounds; LENGTH < 0 if it misses.
+    """Transform ray i of the tile into a model's space, starting where it enters the bounds.
+
+    The ray is stored in `scratch`; its length there (row LENGTH) is negative if it misses the bounds.
 
     matrix : from the world to the model
-    box : the model's bounds; its longest sample step, and 1 / step; whether it consists of discs: a ray starts on
-        no disc if it starts on no surface, or comes from outside the bounds, which may be flat; and whether it has
-        scattered points: a ray starts on none of them if it comes from outside
+    box : the model's bounds; its longest sample step, and 1 / step; whether it consists of discs; and whether it has
+        scattered points. The last two matter to the start rule: a ray from outside the bounds starts on no disc and
+        on no scattered point, and a ray of a camera or of a caller starts on no disc
     """
     wide, rows, (bounds, step, discs, scattered) = scratch.world, scratch.model, box
     ray = (load3(wide, sc.ORIGIN + i), load3(wide, sc.DIRECTION + i), wide[sc.T_MIN + i], wide[sc.NEAREST + i])
@@ -216,7 +218,10 @@ def _keep_normal_and_position(matrix: ToModel, i: int, scratch: Scratch) -> None
 
 @inline
 def _keep_leaf(offset: int, i: int, scratch: Scratch) -> None:
-    """Store the instance and the leaf of ray i's hit, if it was nearer. offset : of the record in `World.instances`"""
+    """Store the instance and the leaf of ray i's hit, if it was nearer than earlier ones.
+
+    offset : of the instance's record in `World.instances`
+    """
     numbers = scratch.numbers
     if numbers[sc.FOUND + i] >= 0:
         numbers[sc.INSTANCE_OF + i], numbers[sc.LEAF_OF + i] = offset // INSTANCE, numbers[sc.FOUND + i]

@@ -60,7 +60,7 @@ def _rays_to_top(world: World, scratch: Scratch) -> Bits:
 
 @inline
 def shorten(world: World, scratch: Scratch) -> None:
-    """End the rays at their hits in the BVH over the instances, after an instance was traced."""
+    """End the tile's rays at their nearest hits for the rest of the BVH's traversal, after an instance was traced."""
     if world.top_children.size > 0:
         wide, rows = scratch.world, scratch.model
         for i in range(sc.TILE):

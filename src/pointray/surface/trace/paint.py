@@ -22,7 +22,7 @@ Four: TypeAlias = tuple[int, int, int, int]  # rays of the tile
 
 @inline
 def _map_color(world: World, paint: int, map_position: float) -> Vec3:
-    """Return the colour of a colour map at a position from 0 to its number of colours; for NaN the one after the map.
+    """Return the colour of a colour map at a position from 0 to its number of colours; for NaN that of missing values.
 
     paint : offset of the record in `World.paints`
     """
@@ -109,9 +109,10 @@ def _own_position(world: World, paint: int, i: int, scratch: Scratch) -> float:
 
 @inline
 def _paint(world: World, paint: int, i: int, map_position: float, scratch: Scratch) -> None:
-    """Set the colour of ray i's hit from a position in the colour map; paint by coordinate finds this from the hit.
+    """Set the colour of ray i's hit from a position in the colour map.
 
     paint : offset of the record in `World.paints`
+    map_position : NaN for a missing value; ignored for colour by coordinate, which follows from the hit's position
     """
     wide = scratch.world
     if world.paints[paint + rec.PAINT_KIND] == rec.BY_COORDINATE:
@@ -124,7 +125,8 @@ def _paint(world: World, paint: int, i: int, map_position: float, scratch: Scrat
 def paint_one(world: World, i: int, scratch: Scratch) -> None:
     """Set the colour of ray i's hit on an instance that is coloured by an attribute, from one splat's value.
 
-    That is the splat of the hit, which is known. If the instance is coloured by coordinate, that of the hit is used.
+    It is the value of the splat that was hit, which `scratch` holds already. Colour by coordinate uses the hit's
+    position instead.
     """
     paint = int(world.instances[scratch.numbers[sc.INSTANCE_OF + i] * rec.INSTANCE + rec.PAINT]) * rec.PAINT_SIZE
     own = np.nan

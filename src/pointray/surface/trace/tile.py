@@ -231,7 +231,8 @@ def _end_where_hit(tree: Tree, span: tuple[int, int], scratch: Scratch) -> None:
 
     span : first ray of the tile, and the end
 
-    The voxel before may find the same root up to a step farther; the end includes another step.
+    A hit counts as certain two sample steps before the stored end, which is one step beyond the ray's own: another
+    voxel may find the same root up to a step farther along the ray.
     """
     rows, steps = scratch.model, tree.head[tr.LONGEST] + tree.head[tr.LONGEST]
     for k in range(span[0], span[1]):

@@ -118,7 +118,7 @@ def prefetch_columns(tree: Tree, leaf: int) -> None:
 def walk_begin(tree: Tree, begin: float) -> float:
     """Return where a ray's traversal begins: one longest sample step before the ray, as samples there can matter.
 
-    begin : t where the ray begins, with any sign
+    begin : t where the ray begins, or -t if it starts on no surface
     """
     return max(abs(begin) - tree.head[tr.LONGEST], ZERO)
 

@@ -20,8 +20,9 @@ def _fill_blocks(
 ) -> None:
     """Copy splats into blocks of four and bound each block by a sphere.
 
-    order : rows of the splats, in the order of the blocks
-    out : blocks, 28 numbers each; bounding spheres, 4 numbers each: centre, radius
+    order : rows of the splats: the first four form block 0, and so on
+    out : blocks, 28 numbers each: 7 rows (position, normal, 1 / radius^2) of 4; bounding spheres of the blocks'
+        supports, 4 numbers each: centre, radius
     """
     blocks, bounds = out
     tile = next_tile(work)

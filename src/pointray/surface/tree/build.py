@@ -48,9 +48,9 @@ class Splats(NamedTuple):
 class WholeModel(NamedTuple):
     """Parameters of the whole model for the tree of a part, so that rays get the same hits as in the whole tree.
 
-    top : the nodes above the part's voxels, cut as in the whole tree, with the numbers of the part's groups of splats
+    top : the nodes above the part's voxels, cut as in the whole tree; its groups are numbered within the part
     bounds : (6,) float32, of all supports, lo x y z, hi x y z; the lattice of samples starts where a ray enters them
-    reference : a support radius; sample distances of all leaves differ from that for this radius by powers of two
+    reference : a support radius; a leaf's sample distance is that for this radius times a power of two
     """
 
     top: Top
@@ -83,7 +83,8 @@ def build_tree(
     in_order : bool
         Whether the splats are already in `kd_order` or in another order that keeps neighbours together.
     whole : WholeModel, optional
-        The model of which the splats are a part, in order, in groups of 256.
+        Parameters of the whole model if the splats are only a part of it. The splats must be in kd order, in whole
+        groups of 256 (64 blocks), as `whole.top` refers to these by number. None: the splats are the whole model.
     """
     report = progress or (lambda share: None)
     n = len(splats.radii)
@@ -161,9 +162,9 @@ def bounds_of(splats: Splats) -> NDArray[np.float32]:
 
 
 def reference_of(radii: NDArray[np.float32]) -> float:
-    """Return the support radius that sets the sample distance from which those of all leaves differ by powers of two.
+    """Return the reference radius of a model: a leaf's sample distance is that for this radius times a power of two.
 
-    It is the 2% quantile of the radii, rounded down to few bits.
+    It is the 2% quantile of the support radii, rounded down to few bits.
     """
     return quantize(float(np.partition(radii, len(radii) // 50)[len(radii) // 50]), is_limit=True)
 
@@ -234,7 +235,8 @@ def unpacked_colors(colors: NDArray[np.int32]) -> NDArray[np.uint8]:
 def _noise(order: NDArray[np.int32], noise: NDArray[np.float32] | None, slots: int) -> NDArray[np.float32]:
     """Return the largest noise of the splats in each block of four, (slots / 4,); empty if nothing was smoothed.
 
-    order : row of the splat in each slot; noise : (n,), standard deviation; slots : number of slots
+    order : row of the splat in each slot; slots : number of slots
+    noise : (n,), standard deviation of the noise that was smoothed away at each splat
     """
     if noise is None or not noise.any():
         return np.zeros(0, np.float32)

@@ -88,13 +88,14 @@ def _longest_edge(box: Array) -> tuple[int, float]:
 
 @inline
 def _decide(near: Array, sources: Span, box: Array, mean: float, step: float, refs: Array) -> tuple[int, float]:
-    """Remove blocks from a voxel that are too far for its final sample distance along rays.
+    """Drop a voxel's blocks whose splats all have supports farther than one sample distance from it.
 
     near : positions and squared radii of blocks
-    sources : range in refs of the voxel's blocks, found with a greater distance
-    mean : mean support radius, which bounds the one that determines the distance; step : sample distance in radii
+    sources : range in refs of the voxel's blocks, which were found within a greater distance
+    mean : mean support radius, an upper bound of the radius from which the sample distance follows
+    step : sample distance along rays, in units of that radius
 
-    Returns the end of the blocks that stay in refs, and the least support radius around the voxel.
+    Returns the end of the blocks that stay in refs, and that radius: the least support radius around the voxel.
     """
     end, _, shortest, _, _ = gather(near, sources, box, f32(step * mean), refs, sources[0])
     return end, min(shortest, f32(mean))
@@ -107,9 +108,10 @@ def _halve(
     """Make the two halves of a voxel with the blocks refs[span]; write their blocks behind these.
 
     near : positions and squared radii of blocks; cut : the voxel's node, the first half's node, the axis
-    around : sample distance in radii, and a radius; halves are grown by the product of both to find their blocks
-    radii : output, mean and largest radius of each half; while it may still determine the sample distance, the mean is
-        at most `around[1]`
+    around : sample distance in units of a radius, and this radius, or an upper bound until it is known; each half
+        lists the blocks that overlap it when it is grown by the product of both
+    radii : output, mean and largest support radius over each half; until that radius is known, the mean is at most its
+        bound
     out : children, boxes, ranges in refs, refs, and least radii of the nodes of one root
 
     Returns three positions in refs: the end of the voxel's blocks, of those of the first half, and of the second.
@@ -205,9 +207,10 @@ def cut_roots(
     limits: tuple[float, float, int],
     out: tuple[Cells, Array],
 ) -> None:
-    """Cut roots, boxes at the top of a kd-tree, into voxels, in the middle of their longest edges; one thread for each.
+    """Cut roots, boxes at the top of a kd-tree, into voxels, in the middle of their longest edges, each by one thread.
 
-    roots : where nodes, references and groups of each begin; numbers of the groups of blocks; margin of each root
+    roots : (roots + 1, 3) where the nodes, block references and groups of each root begin; numbers of the groups of
+        blocks that may overlap the roots; for each root the margin around it within which splats matter
     limits : maximum width of voxels in mean radii; maximum sample distance in radii; blocks per group
     out : a `Cells` with the boxes of the roots, and the number of nodes of each, or FULL if the arrays are too small
 

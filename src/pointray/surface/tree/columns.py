@@ -79,7 +79,10 @@ def across(mx: float, my: float, mz: float) -> tuple[int, int, int]:
 
 @inline
 def live(members: Members, first: int) -> Mask:
-    """Return a mask of the 16 lanes that hold splats, when those from number `first` on are loaded."""
+    """Return a mask of the lanes that hold a splat in a vector of splats `first` to `first` + 15.
+
+    The last vector of a voxel's splats may be partly empty.
+    """
     return mask16((1 << min(members.number - first, LANES)) - 1)
 
 

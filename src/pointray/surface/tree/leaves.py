@@ -71,8 +71,8 @@ def limits_of(surface: str, trim: float) -> Limits:
 
     trim : largest distance of a hit from the mean centre of its splats, in their mean radii
 
-    With a limit of 4 for `apss`, 1 million points took 1.08 (far view), 1.10 (near), 1.21 (shadows), 1.15 (bounces)
-    times as long; 32,000 points took equally long.
+    With a looser proof for `apss`, whose maximum was 4, rays at 1 million points took 1.08 (far view), 1.10 (near),
+    1.21 (shadows), 1.15 (bounces) times as long, and equally long at 32,000 points.
     """
     far = min(1.0, trim) ** 2
     if surface == "apss":
@@ -81,7 +81,10 @@ def limits_of(surface: str, trim: float) -> Limits:
 
 
 def longest_step(samples: int) -> float:
-    """Return the maximum distance of samples along a ray, in least support radii. samples : per support diameter"""
+    """Return the maximum distance of samples along a ray in a leaf, divided by the least support radius there.
+
+    samples : samples per support diameter
+    """
     return float(2.0**LEEWAY * 2.0 / samples)
 
 
@@ -89,7 +92,8 @@ def longest_step(samples: int) -> float:
 def _members(blocks: Array, refs: Array, span: Array, cell: Array, rows: Array) -> Members:
     """Gather the splats whose support overlaps a voxel, relative to its least corner.
 
-    refs : numbers of the blocks that voxels list; span : the voxel's range in them; cell : its box; rows : memory
+    refs : numbers of the blocks that voxels list; span : the voxel's range in them; cell : its box
+    rows : memory for `Members.rows`
     """
     room, count = len(rows) // PARTS, 0
     box = (cell[0], cell[1], cell[2], cell[3], cell[4], cell[5])
@@ -184,10 +188,10 @@ def _cut_by_slab(slab: Slab, box: Array) -> None:
 
 @inline
 def _is_marked(marks: Array, refs: Array, span: Array) -> bool:
-    """Return whether a splat in the blocks of a voxel has a direction that is not zero.
+    """Return whether any splat in a voxel's blocks is marked: as on an open border, or as on one of two close sheets.
 
-    marks : (blocks * 4 * 3,), directions at borders or of close sheets, or of length 0
-    span : the voxel's range in refs
+    marks : (blocks * 4 * 3,), for each splat a direction if it is marked, else zero; or of length 0 if none is
+    refs : numbers of the blocks that voxels list; span : the voxel's range in them
     """
     if marks.size == 0:
         return False
@@ -212,8 +216,8 @@ def fill_leaves(
 
     cells : kd-tree of the voxels; marks : for each slot the outward direction at an open border, and the normal of a
         splat with another sheet close by, or zero; each may be of length 0
-    settings : bound of the distance of surface from splats, from `limits_of`; samples per support diameter; reference
-        radius, whose sample distance times powers of two is used; 0 for unlimited slabs and boxes
+    settings : bound of the distance of surface from splats, from `limits_of`; samples per support diameter; a radius:
+        a leaf's sample distance is that for this radius times a power of two; 0 for unlimited slabs and boxes, else 1
     out : numbers of the leaf nodes (leaves,), records (leaves * 16,), columns' slabs (leaves * 64,), boxes (leaves, 6)
     """
     boxes, spans, refs = cells.boxes, cells.spans, cells.refs

@@ -65,7 +65,7 @@ def sum_of(vector: F16) -> float:
 
 @inline
 def room_for(blocks: int) -> int:
-    """Return the length of the array that `copy_near` needs for a copy of `blocks` blocks."""
+    """Return the length of the array for positions and squared radii of `blocks` blocks, which `copy_near` fills."""
     return NEAR * blocks
 
 

@@ -14,16 +14,19 @@ WIDTHS = {"blocks": BLOCK, "order": 4, "borders": 12, "facing": 12, "colors": 4,
 
 
 def surface_of(tree: Tree) -> Tree:
-    """Return a tree with only the blocks of its surface, without scattered points, for `splats_of`.
+    """Return a tree without the blocks of its scattered points, from which only the surface's splats are read back.
 
-    Its nodes are unchanged, so it must not be traced.
+    The nodes still refer to the removed blocks, so the result must not be traced.
     """
     first = first_scattered(tree)
     return tree._replace(**{name: getattr(tree, name)[: first * width] for name, width in WIDTHS.items()})
 
 
 def splats_of(tree: Tree, radii: NDArray[np.float32]) -> Splats:
-    """Return the splats that a tree was built from, in its order. radii : (n,), of all the caller's rows"""
+    """Return the splats that a tree was built from, in the order in which the tree stores them.
+
+    radii : (n,), support radii of all the caller's rows, as those in the tree are rounded
+    """
     rows, positions, normals, noise = stored_splats(tree, by_row=False)
     there = tree.order >= 0
     borders = tree.borders.reshape(-1, 3)[there].astype(np.float32) / np.float32(127) if tree.borders.size else None

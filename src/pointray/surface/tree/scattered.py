@@ -68,7 +68,9 @@ def _grow(bins: Array, k: int, boxes: Array, b: int) -> None:
 def _bin_of(boxes: Array, b: int, axis: int, low: float, scale: float) -> int:
     """Return the bin, 0 to 15, of box b's centre along an axis.
 
-    low, scale : twice the least centre, and bins per double length, as the sum of both faces is twice the centre
+    The sum of a box's faces, twice its centre, is divided into bins.
+
+    low, scale : the least sum of all boxes, and the number of bins per unit of the sum
     """
     return min(max(int((boxes[b, axis] + boxes[b, 3 + axis] - low) * scale), 0), BINS - 1)
 
@@ -79,7 +81,8 @@ def _best_cut(boxes: Array, order: Array, span: tuple[int, int], bins: Array, me
 
     boxes : (n, 6); order : indices of boxes; span : the node's range in it; bins, memory : work space
 
-    Returns the axis, -1 if all centres are equal; the bin after the cut; twice the least centre; bins per this length.
+    Returns the axis, -1 if no cut is possible; the first bin after the cut; and the bins' `low` and `scale`: twice the
+    least centre, and the number of bins per unit of twice a centre.
     """
     counts, costs = memory
     best, found = np.inf, (-1, 0, 0.0, 0.0)
@@ -213,7 +216,7 @@ def _under_one_root(
 
 
 def _whole_leaves(blocks: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Append an empty block if their number is odd: a leaf of scattered points holds two blocks."""
+    """Append an empty block if the number of blocks is odd: a leaf of scattered points holds two blocks."""
     empty = np.zeros((7, PER_BLOCK), np.float32)
     empty[:3], empty[tr.INV_R2 // PER_BLOCK] = tr.EMPTY, 1.0
     missing = -(blocks.size // tr.BLOCK) % tr.LEAF_BLOCKS

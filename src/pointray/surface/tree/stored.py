@@ -75,5 +75,8 @@ def find_surface_bounds(tree: Tree) -> NDArray[np.float64] | None:
 
 
 def longest_leaf(tree: Tree) -> int:
-    """Return the largest number of blocks that a leaf lists, rounded up to 16, for which a thread needs memory."""
+    """Return the largest number of blocks that a leaf lists, rounded up to a multiple of 16.
+
+    Threads allocate scratch memory for this number.
+    """
     return 16 * int(tree.spans[1::2].max(initial=0))

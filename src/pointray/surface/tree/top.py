@@ -101,7 +101,7 @@ def groups_of(blocks: Array, bounds: Array, threads: int | None = None) -> Group
 
 
 def groups_per_root(groups: int) -> int:
-    """Return how many consecutive groups of blocks each root gets: a box that one thread cuts into voxels.
+    """Return how many consecutive groups of blocks each root gets. A root is a box that one thread cuts into voxels.
 
     groups : number of groups of the model
     """
@@ -121,7 +121,8 @@ def cut_top(groups: Groups, step: float, part: range | None = None, within: NDAr
     step : float
         Maximum sample distance along rays, in support radii.
     part : range, optional
-        Aligned range of groups: only its roots are returned, with the nodes above them that lie in the range.
+        Groups of one part, from a multiple of the parts' size (a power of two): only the roots over this range are
+        returned, with the nodes above them that lie in the range.
     within : (6,) float64, optional
         Box to which space is restricted.
     """
@@ -205,9 +206,9 @@ def _one_root(top: Top) -> Top:
 
 
 def _root_boxes(groups: Groups) -> tuple[NDArray[np.float64], int]:
-    """Return boxes around the splats' positions for each root, a box that one thread cuts into voxels, (m, 6).
+    """Return boxes around the positions of each root's splats, (m, 6), and the number of groups of blocks per root.
 
-    Also return the number of consecutive groups of blocks per root. groups : of the model
+    A root is a box that one thread cuts into voxels. groups : all groups of the model
     """
     per_root = groups_per_root(len(groups.longest))
     starts = np.arange(0, len(groups.longest), per_root)
@@ -229,9 +230,10 @@ def _plane_between(first: NDArray[np.float64], second: NDArray[np.float64]) -> t
 def top_of_part(groups: Groups, step: float, part: range) -> tuple[Top, NDArray[np.int64]]:
     """Return the top of a part's kd-tree, and the numbers of all groups that overlap its roots, ascending.
 
-    groups : all groups of the model; step : maximum sample distance, in support radii; part : aligned range of groups
+    groups : all groups of the model; step : maximum sample distance, in support radii
+    part : groups of the part, from a multiple of the parts' size (a power of two)
 
-    The groups in the result are indices into these numbers.
+    The groups in the top are indices into the returned numbers.
     """
     top = cut_top(groups, step, part)
     needed = np.unique(np.concatenate(top.groups))
