@@ -34,7 +34,7 @@ BELOW = f32(-1e15)  # offset of a plane below all others
 
 @routine
 def score(k: int, memory: Neighbors) -> int:
-    """Write the heights of about 31 of `k` neighbours above the nine candidate planes; return how many neighbours.
+    """Write the heights of about 31 of `k` neighbours above the nine candidate planes; return the number of these.
 
     Heights are signed distances. `choose_two` and `choose_third` select the planes of an edge or corner by them.
 
