@@ -153,7 +153,7 @@ def inward_of(samples: Sequence[Sample], sizes: Whole) -> Flags:
 
 
 def _small_inward(positions: Floats, normals: Floats, points: Whole) -> Flags:
-    """Return which small groups of normals must be inverted, (g,) bool; all sums are computed at once, as there are many.
+    """Return which small groups of normals must be inverted, (g,) bool; as there are many, sums are computed at once.
 
     positions, normals : (s, 3) sorted by group
     points : number of points of each group
