@@ -121,7 +121,7 @@ def _squares(samples: int, a: int, cut: float, memory: Neighbors) -> tuple[F16, 
 
 @routine
 def _replace(k: int, at: int, cut: float, memory: Neighbors) -> float:
-    """Replace one of the three chosen planes by the candidate whose corner is closest to the neighbours.
+    """Replace one of the three chosen planes by the candidate whose corner with the others is nearest to the points.
 
     Returns the sum of the squared distances; infinity if every candidate is nearly parallel to one of the other two.
 
