@@ -28,7 +28,7 @@ class KdOrdering(NamedTuple):
     rows: NDArray[np.int32]
 
     def order(self) -> NDArray[np.integer[Any]]:
-        """Return the rows of points, (n,), in kd order, those with equal positions together. All must be finite."""
+        """Return the rows of points, (n,), in kd order, equal positions together. All rows must be finite."""
         return self.rows if len(self.rows) == len(self.ids) else np.argsort(self.ids, kind="stable")
 
     def moved(self, points: Points) -> KdOrdering:

@@ -54,7 +54,7 @@ class Neighbors(NamedTuple):
     owner : (width,)
         Index of the chosen plane that each neighbour lies on, or -1.
     sums : (10 * 16,)
-        Weighted sums over the neighbours of each plane, see `store_sums`.
+        Weighted sums over the neighbours of each plane: x y z, xx xy xz, yy yz zz, and the weights.
     found, chosen, again : (4 * 16,)
         Nine candidate planes, the two or three chosen ones, and these fitted again: x of the normals, then y, z and the
         offsets. If two are chosen, a third one lies below all others.
@@ -187,12 +187,12 @@ def find_candidates(k: int, memory: Neighbors) -> None:
 
 @inline
 def _around(a: int, place: int, width: float, memory: Neighbors) -> int:
-    """Sum up the neighbours around one of them, for candidate plane `a`; return the centre of the next candidate.
+    """Store the sums from which candidate plane `a` is fitted to the neighbours around one of them, its centre.
 
-    Returns the index of the neighbour that is farthest from all centres so far.
+    Returns the centre of the next candidate: the index of the neighbour that is farthest from all centres so far.
 
-    place : index of the neighbour at the centre
-    width : squared radius within which neighbours have weight, relative to the farthest one's distance
+    place : index of the neighbour at the centre of plane `a`
+    width : squared radius around the centre beyond which weights are 0; the farthest neighbour is at distance 1
     """
     rows = len(memory.weights)
     mx, my = broadcast_from(memory.places, place), broadcast_from(memory.places, rows + place)

@@ -141,8 +141,9 @@ def _fit_again(count: int, memory: Neighbors) -> None:
 def _error(count: int, memory: Neighbors) -> tuple[float, float, float]:
     """Estimate how well `count` planes fit the neighbours of a point.
 
-    Returns the mean square of the residuals, corrected for the fitted parameters; the variance of the fitted height for
-    unit noise; the effective number of neighbours. Lengths are relative to the farthest neighbour's distance.
+    Returns the mean square of the residuals, corrected for the fitted parameters; the variance of the planes' position
+    along their normals, if the noise has variance 1; the effective number of neighbours. Lengths are relative to the
+    farthest neighbour's distance.
     """
     sums = squares = rest = zeros()
     for at in range(0, len(memory.weights), LANES):
@@ -158,8 +159,8 @@ def _error(count: int, memory: Neighbors) -> tuple[float, float, float]:
 def crease(k: int, sigma: float, memory: Neighbors) -> tuple[int, float, float, float]:
     """Choose and fit two or three planes that meet in an edge or a corner near a point whose neighbours are loaded.
 
-    Returns the number of planes, 0 if none fit; the mean square of the residuals; the variance of the height for unit
-    noise; the effective number of neighbours.
+    Returns the number of planes, 0 if none fit; the mean square of the residuals; the variance of the planes' position
+    along their normals, if the noise has variance 1; the effective number of neighbours.
 
     k : number of neighbours
     sigma : noise (standard deviation of the points from the surface), relative to the farthest neighbour's distance

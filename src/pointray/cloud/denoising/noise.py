@@ -150,7 +150,7 @@ def _quantiles(values: NDArray[np.float64], ranges: list[slice], q: float = 0.5)
 
 
 def _heights(ordered: Floats, normals: Floats, rows: NDArray[np.int64], near: NDArray[np.int32]) -> NDArray[np.float64]:
-    """Estimate the squared noise at some rows, (m,), from the normals of these and of neighbours; NaN if they differ.
+    """Estimate the squared noise at some rows, (m,), from neighbours with similar normals; NaN without any.
 
     Half the mean squared height of neighbours above the mean of the two tangent planes, less what curvature explains.
 

@@ -291,7 +291,7 @@ def _shares(
 
 
 def _whole_vectors(needed: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Return the rows to fit so that the wanted ones are fitted, (r,) int64, and which of them are wanted, (r,) bool.
+    """Return the rows of all groups of 16 that contain wanted ones, (r,) int64, and which are wanted, (r,) bool.
 
     Points fitted in the same vector of 16 affect each other's last bits. Whole vectors are fitted, so that they are the
     same wherever a part of a cloud begins.

@@ -34,7 +34,7 @@ BELOW = f32(-1e15)  # offset of a plane below all others
 
 @routine
 def score(k: int, memory: Neighbors) -> int:
-    """Write the heights of about 31 of `k` neighbours above the nine candidate planes; return how many neighbours.
+    """Write the heights of about 31 of `k` neighbours above the nine candidate planes; return the number of these.
 
     Heights are signed distances. `choose_two` and `choose_third` select the planes of an edge or corner by them.
 
@@ -121,7 +121,7 @@ def _squares(samples: int, a: int, cut: float, memory: Neighbors) -> tuple[F16, 
 
 @routine
 def _replace(k: int, at: int, cut: float, memory: Neighbors) -> float:
-    """Replace one of the three chosen planes by the candidate whose corner is closest to the neighbours.
+    """Replace one of the three chosen planes by the candidate whose corner with the others is nearest to the points.
 
     Returns the sum of the squared distances; infinity if every candidate is nearly parallel to one of the other two.
 

@@ -44,8 +44,8 @@ class Neighborhoods(NamedTuple):
 def find_neighborhoods(positions: Floats, count: int, k: int, seed: int = 0) -> Neighborhoods:
     """Find the k nearest distinct positions of `count` random points of a cloud, or of all points if there are fewer.
 
-    In large clouds only points near the chosen ones are searched. Up to a fifth of these, in sparse regions, may then
-    be missing.
+    In large clouds only points near the chosen ones are searched; up to a fifth of the chosen ones, in sparse
+    regions, may then be left out.
 
     Parameters
     ----------

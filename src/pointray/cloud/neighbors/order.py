@@ -69,7 +69,7 @@ def _pivot(rows: Array, axis: int, left: int, right: int, nth: int, sample: Arra
     """Estimate the value that row `nth` would have along an axis if the rows left to right were sorted.
 
     rows : flat, four floats for each point: x, y, z and its number
-    sample : memory for 32 values; many rows are estimated by a quantile of that many
+    sample : memory for 32 of the values; if there are many rows, the result is a quantile of these
     """
     count = right - left + 1
     if count < MANY:

@@ -156,7 +156,7 @@ def write_ranked(ranked: Ranked, packed: Packed, count: int, k: int, line: Array
     ranked : squares and ranks of the candidates, from `rank`; packed, count : the candidates, and how many there are
     line : memory for sorting
     at : index at which the query's row begins
-    rows : factor to unscaled distances, and flat arrays of distances (may be empty) and of point numbers
+    rows : factor from scaled to true distances; flat arrays that receive distances (may be empty) and point numbers
     """
     _, squares, numbers, ranks = ranked
     unit, distances, indices = rows

@@ -126,7 +126,7 @@ def _search_single(tree: Tree, batch: Batch, slot: int, k: int, memory: Memory, 
 
     tree : blocks of 16 points, their numbers, nodes of bounding boxes, first node of each level
     batch : blocks of 16 queries, their numbers (perhaps none), and the index of the first query
-    rows : factor to unscaled distances, and flat arrays of distances (may be empty) and of point numbers
+    rows : factor from scaled to true distances; flat arrays that receive distances (may be empty) and point numbers
     """
     best = memory[4]
     farthest = search_alone(tree, _query(batch, slot), k, memory[5], best)
@@ -150,7 +150,7 @@ def _search_pool(
     waiting : queries of the block to answer, as bits
     end : number of points in the memory's pool, which holds all points within the limit
     limit : squared distance
-    rows : factor to unscaled distances, and flat arrays of distances (may be empty) and of point numbers
+    rows : factor from scaled to true distances; flat arrays that receive distances (may be empty) and point numbers
     """
     pool, packed, ranked, line = memory[0], memory[1], memory[2], memory[3]
     left, near, needed = waiting, limit / BEYOND, 0.0
@@ -173,13 +173,13 @@ def _search_pool(
 def _search_block(
     tree: Tree, batch: Batch, block: int, count: int, k: int, limit: float, memory: Memory, rows: Rows
 ) -> float:
-    """Find and write the k nearest points of the queries of a block; return the largest squared distance of one.
+    """Find and write the k nearest points of the queries of a block; return the largest squared distance found.
 
     tree : blocks of 16 points, their numbers, nodes of bounding boxes, first node of each level
     batch : blocks of 16 queries, their numbers (perhaps none), and the index of the first query
     count : number of queries of the block, at most 16
     limit : squared distance to search first; if not positive, it is taken from a single query
-    rows : factor to unscaled distances, and flat arrays of distances (may be empty) and of point numbers
+    rows : factor from scaled to true distances; flat arrays that receive distances (may be empty) and point numbers
     """
     low, high = _box(batch, block, count)
     waiting, needed, tried, is_measured = (1 << count) - 1, 0.0, 0, False
@@ -213,7 +213,8 @@ def find_nearest(work: Array, tree: Tree, batch: Batch, end: int, k: int, rows: 
     tree : blocks of 16 points, numbers of the points, nodes of bounding boxes, first node of each level
     batch : blocks of 16 queries, their numbers, and the first query, a multiple of 16; if there are no numbers (an
         empty array), queries are numbered from the first
-    rows : factor to unscaled distances; distances, flat, may be empty; point numbers, flat. Row i begins at k times i.
+    rows : factor from scaled to true distances; flat arrays that receive distances (may be empty) and point numbers, in
+        which row i begins at k times i
     """
     tree, batch, rows = borrow(tree), borrow(batch), borrow(rows)
     most = SPARE + k // PER_NEIGHBOR

@@ -27,7 +27,7 @@ class Blocks(NamedTuple):
     """Points in blocks of 16 that are consecutive in kd order, for vectors of 16 lanes.
 
     size : number of points
-    blocks : (b * 48,) float32: x of the 16 points of a block, then y, then z; scaled
+    blocks : (b * 48,) float32: x of the 16 points of a block, then y, then z; scaled by a power of two
     numbers : (b * 16,) int32, the caller's row of each point, or -1 for an unused lane
     """
 
@@ -50,10 +50,10 @@ class Boxes(NamedTuple):
 
 @kernel
 def _fill_blocks(work: Array, positions: Array, order: Array, scale: float, blocks: Array, numbers: Array) -> None:
-    """Copy points into blocks of 16 points, scaled.
+    """Copy points, multiplied by `scale`, into blocks of 16 points.
 
     work : gives each thread its next tile of blocks
-    order : rows of the points in the order of the blocks; empty: as they are
+    order : rows of the points in the order of the blocks; empty: the order of `positions`
     blocks, numbers : receive the coordinates, and the row of each point, -1 for unused lanes
     """
     positions, order, blocks, numbers = borrow(positions), borrow(order), borrow(blocks), borrow(numbers)

@@ -17,10 +17,10 @@ RUNS, RUN = 64, 2048  # ranges of the kd order that represent a large cloud, and
 
 @kernel
 def _count_disagreements(positions: Array, normals: Array, rows: Array, near: Array) -> int:
-    """Count pairs of neighbours whose normals face opposite sides of a surface, though no wall lies between them.
+    """Count pairs of neighbours whose normals face opposite sides, though they should not; return their number.
 
-    From either side of a wall the other lies behind (of a slit: in front). With random signs both are equally frequent;
-    such pairs count.
+    Pairs on one tangent plane count. Other pairs may be the two faces of a thin wall, each behind the other, or of a
+    slit, each in front of the other. Wrong signs make both cases equally frequent: twice the rarer one counts.
 
     positions, normals : (n, 3)
     rows, near : (m,) examined points, and (m, k) their neighbours

@@ -41,7 +41,7 @@ class FitBatch16(NamedTuple):
     units : (16,)
         Distance of the farthest neighbour: the unit of the scaled offsets.
     results : (10 * 16,)
-        Results of a fit, see `jet`.
+        Results of a fit (normals, residual, variances) in the order that `jet` documents.
     """
 
     places: Array

@@ -52,7 +52,7 @@ class Factor(NamedTuple):
     """Factor L D L' of the 6 x 6 normal matrix of a quadric 1, p, q, pp, pq, qq, in sixteen lanes.
 
     top, low : L and D of the upper left and lower right 3 x 3 quarters: l10, l20, l21 and the inverse of D
-    across : rows of the lower left quarter
+    across : rows of the lower left quarter of L
     """
 
     top: Half

@@ -114,7 +114,7 @@ def take_sample(
     sizes : (g,) int64
         Number of points of each group in the whole cloud.
     earlier : (g,) int64, optional
-        Number of these in earlier parts of the cloud. None: the points are the whole cloud.
+        Number of points of each group in earlier parts of the cloud. None: the points are the whole cloud.
     """
     steps = -(-sizes // SAMPLE)
     left = np.zeros_like(sizes) if earlier is None else -earlier % steps
@@ -153,7 +153,7 @@ def inward_of(samples: Sequence[Sample], sizes: Whole) -> Flags:
 
 
 def _small_inward(positions: Floats, normals: Floats, points: Whole) -> Flags:
-    """Return which small groups of normals must be inverted. There are many, so their sums are computed at once.
+    """Return which small groups of normals must be inverted, (g,) bool; as there are many, sums are computed at once.
 
     positions, normals : (s, 3) sorted by group
     points : number of points of each group

@@ -26,7 +26,7 @@ SURE = 0.95  # confidence at which points of a tile join without a vote: 0.5% of
 class Pieces(NamedTuple):
     """Division of consecutive points in kd order into pieces: sets of points whose normals reliably face the same side.
 
-    piece : (m,) int32, number of each point's piece, in the order of their roots
+    piece : (m,) int32, number of each point's piece, from 0
     sign : (m,) int8, 1 or -1: the sign that makes its normal consistent with its piece
     sizes : (p,) int64, number of points of each piece
     """
@@ -169,7 +169,9 @@ def find_pieces(positions: Floats, normals: Floats, near: NDArray[np.int32], cor
 def _for_lanes(
     positions: Floats, normals: Floats, near: NDArray[np.int32], core: int
 ) -> tuple[Floats, NDArray[np.int32]]:
-    """Return the arguments `table` and `near` of `_join_tiles`, padded with zeros to a multiple of 16 points.
+    """Return flat arrays for vectors of 16 lanes, padded with zeros to a multiple of 16 points.
+
+    The first holds eight floats per point, beginning with position and normal, the second the k neighbours per point.
 
     positions, normals : (n, 3)
     near : (m, k) rows of the neighbours of each point from row `core` on

@@ -89,7 +89,7 @@ def _evaluate(function: Any, rows: Rows, positions: Floats, normals: Floats, nea
 def is_thick(residuals: Floats) -> Flags:
     """Return which points may be near two sheets, (n,) bool, as a quadric does not fit their neighbours.
 
-    residuals : (n,) of fits, in spacings; NaN for points on a line
+    residuals : (n,) RMS residuals of the fitted quadrics, in spacings; NaN for points on a line
     """
     return ~(residuals <= THICK)
 
@@ -113,7 +113,9 @@ def sample_of(points: int) -> Rows:
 
 
 def scale_of(numbers: Floats, farther: Floats) -> float | None:
-    """Return the divisor of spacings with which winding numbers are 0 outside and 1 inside; None if there is no inside.
+    """Return the divisor of point spacings that makes winding numbers 0 outside the surface and 1 inside.
+
+    Winding numbers are proportional to the points' areas, the squared spacings. None if the surface encloses no volume.
 
     numbers : (m, 2) winding numbers one spacing in front of sampled points, and behind them
     farther : (m, 2) the same at 1.5 spacings
@@ -166,7 +168,10 @@ def is_unsure(before: Floats, after: Floats) -> Flags:
 
 
 def disagrees(rows: Rows, positions: Floats, normals: Floats, near: NDArray[np.int32]) -> Flags:
-    """Return which normals, (m,) bool, contradict those of their neighbours, according to `agreement` with each.
+    """Return which normals, (m,) bool, contradict those of their neighbours.
+
+    The signed confidences, -1 to 1, that a normal and each of these face the same side add up to less than 0.
+
     rows : (m,) the points
     positions, normals, near : (n, 3), (n, 3), and (n, k) rows of the neighbours, the point itself first
     """

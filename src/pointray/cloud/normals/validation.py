@@ -87,7 +87,7 @@ def describe_normals(found: NormalsCheck) -> str:
 
 
 def refit_normals(points: Points, progress: StageProgress | None = None) -> Points:
-    """Replace normals by fitted ones; if the old ones clearly face the other way, invert all of these.
+    """Replace normals by fitted ones; if the old ones clearly face the other way, all new ones are inverted.
 
     With known scanner positions none are inverted.
     """

@@ -125,7 +125,7 @@ def merge_votes(votes: Votes, number: Whole, sign: NDArray[np.int8]) -> Votes:
     """Return the votes between larger pieces (sets of points whose normals agree) that consist of the given ones.
 
     number : (p,) larger piece that each piece belongs to
-    sign : (p,) 1 or -1, by which its normals are multiplied to agree with that
+    sign : (p,) 1 or -1, by which its normals are multiplied to agree with the larger piece
     """
     one, other = votes.pairs >> 32, votes.pairs & 0xFFFFFFFF
     a, b = number[one], number[other]

@@ -192,7 +192,7 @@ def top_of(roots: Floats) -> Floats:
 
 @inline
 def _dipole(x: float, y: float, z: float, u: float, v: float, w: float, soft: float) -> float:
-    """Return the blurred solid angle of the dipole (u, v, w) seen from (-x, -y, -z).
+    """Return the blurred solid angle of the dipole (u, v, w) at (x, y, z), seen from the origin.
 
     soft : square of the radius within which it is blurred
     """
@@ -202,11 +202,10 @@ def _dipole(x: float, y: float, z: float, u: float, v: float, w: float, soft: fl
 
 @inline
 def _below(t: int, tops: int, slots: Array, needed: Array) -> int:
-    """Return the first child of a node in the tree of dipoles over all tiles and in those of loaded tiles.
+    """Return the index of the first child of a node: of the tree of dipoles over all tiles, or of a loaded tile's tree.
 
-    A tile is a range of 4,096 points.
-
-    Of a leaf return -1 minus its first point; 0 if there is no child, or its tile is not loaded.
+    A tile is a range of 4,096 points. For a leaf return -1 minus the index of its first point among the loaded ones; 0
+    if there is no child, or its tile is not loaded.
 
     t : the node; tops : number of nodes of the tree over all tiles, after which those of loaded tiles follow
     slots : (tiles,) index of each tile among the loaded ones, or -1

@@ -58,8 +58,9 @@ def _examine(work: Array, positions: Array, rows: Array, near: Array, noises: Ar
     positions, rows : (n, 3) points, and (m,) the rows
     near : (m, k) nearest neighbours of these rows
     noises : (m,) standard deviation of the points around from their surface
-    out : (m, 6) receives `OFF` (certainly off the surface), `MAYBE` or `DOUBT` (off only if points next to it are); the
-        offset to the surface, x y z; its point spacing; the number of points on the row's side of it
+    out : (m, 6) receives the verdict, `OFF` (certainly off the surface), `MAYBE` or `DOUBT` (off only if at least one
+        point, or two, next to it are off); the offset to the surface, x y z; the surface's point spacing; the number of
+        neighbours on the row's side of it
     """
     positions, near, out, k = borrow(positions), borrow(near), borrow(out), near.shape[1]
     first, other = new_memory(k), new_memory(k)
@@ -123,10 +124,10 @@ def _join(
     work : gives each thread its next tile, 1024 rows
     positions, rows : (n, 3) points, and (m,) the rows
     near : (m, k) nearest neighbours of these rows
-    verdicts : (n,) `OFF` (certainly off), `MAYBE` or `DOUBT`, of all points
-    details : (n, 5) offset to the surface, its spacing, and the number of points on this side, of all points
-    joins : (m,) receives the result
-    out : (m, 5) receives the details of such rows
+    verdicts : (n,) `OFF` (certainly off), `MAYBE` or `DOUBT` (off if at least one point, or two, beside it are off)
+    details : (n, 5) offset to the surface, x y z; its point spacing; number of neighbours on the point's side of it
+    joins : (m,) receives whether each row does
+    out : (m, 5) receives such details for rows that do; the number is that of neighbours at the others' height
     """
     positions, near, details, out = borrow(positions), borrow(near), borrow(details), borrow(out)
     tile = next_tile(work)
@@ -171,8 +172,9 @@ def examine_rows(
     Returns
     -------
     (m, 6) float32
-        `OFF` (certainly off the surface), `MAYBE` or `DOUBT` (off only if points next to it are); offset to the
-        surface, x y z; its point spacing; number of points on the row's side of it.
+        The verdict, `OFF` (certainly off the surface), `MAYBE` or `DOUBT` (off only if at least one point, or two, next
+        to it are off); offset to the surface, x y z; the surface's point spacing; number of neighbours on the row's
+        side of it.
     """
     out = np.zeros((len(rows), 6), np.float32)
     for start in range(0, len(rows), ROWS):
@@ -187,8 +189,9 @@ def join(tree: NeighborTree, positions: Floats, verdicts: Floats, details: Float
     """Return which points are off their surface, (n,) bool: certain ones, and others next to these at the same height.
 
     tree, positions : search tree of the positions, (n, 3)
-    verdicts : (n,) `OFF` (certainly off), `MAYBE` or `DOUBT` for points that were examined, else 0
-    details : (n, 5) offset to the surface, its spacing, and the number of points on this side; updated for the latter
+    verdicts : (n,) `OFF` (certainly off), `MAYBE` or `DOUBT` (off only beside others) for examined points, else 0
+    details : (n, 5) offset to the surface, x y z; its point spacing; number of neighbours on the point's side of it;
+        updated for points found to be off beside others
     """
     off, rest = verdicts == OFF, np.flatnonzero((verdicts == MAYBE) | (verdicts == DOUBT))
     found_off, details_of_them = [rest[:0]], [details[:0]]

@@ -100,7 +100,7 @@ def _least_ratio(a: Array) -> float:
 
 @routine
 def _start(d: Array, k: int, w: Array, sizes: Array, scratch: Array) -> int:
-    """Give weight 1 to the points nearest to the middle one of the list, and 0 to others.
+    """Give weight 1 to the points nearest to the middle one of the list, and 0 to others; return 0.
 
     Next to a stray, nearer points of the list may be strays, too; those in the middle lie on the surface.
 

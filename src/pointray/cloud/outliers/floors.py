@@ -102,7 +102,7 @@ class FloorSearch:
 def _in_layer(details: Floats) -> NDArray[np.bool_]:
     """Return which points are near enough to their surface for a second layer, with others next to them, (n,) bool.
 
-    details : (n, 5) offset to the surface, its point spacing, and the number of points on this side
+    details : (n, 5) offset to the surface, x y z; its point spacing; number of neighbours on the point's side of it
     """
     square = np.einsum("ij,ij->i", details[:, :3], details[:, :3])
     return np.asarray((square <= (LAYER * details[:, 3]) ** 2) & (details[:, 4] >= COMPANY))

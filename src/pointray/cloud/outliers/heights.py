@@ -75,9 +75,10 @@ def _sort_out(near: Array, i: int, scans: Array, row: int, slots: Array, w: Arra
 
 @routine
 def _center(values: Array, columns: int, slots: Array, w: Array, known: Array, means: Array, out: Array) -> int:
-    """Subtract from values of 64 neighbours the mean over each one's scan; write the differences to `out`.
+    """Subtract from each neighbour's values their mean over the neighbours of the same scan; return 0.
 
-    values : (64, c) of the neighbours; columns : how many of the c columns
+    values, out : (64, c) values of the neighbours; receives the differences
+    columns : number of columns, from the first, to treat
     slots, w : (64,) number of each neighbour's scan; 0 if the neighbour is not used
     known : (8, 5) the first column holds the number of neighbours of each scan
     means : (8, c) receives the mean over each scan
@@ -167,14 +168,16 @@ def _way(known: Array, count: int) -> tuple[bool, float]:
 
 @kernel
 def _heights(work: Array, positions: Array, rows: Array, near: Array, scans: Array, facing: Array, out: Array) -> None:
-    """Write to out[i] the move of positions[rows[i]] to the mean of the scans around it, and 1 where that is clear.
+    """Write to out[i] the move of positions[rows[i]] to the mean of the scans around it, and 1 if it is clear.
+
+    It is clear if the scans certainly saw one surface, not two sheets.
 
     work : gives each thread its next tile, 512 rows
     positions, rows : (n, 3) points, and (m,) the rows
     near : (m, 64) nearest neighbours of these rows
     scans : (n,) scan of each point, negative where unknown
     facing : (n, 3) unit vectors to the scanner that saw each point, 0 where unknown
-    out : (m, 4) receives the move, and 1 or 0
+    out : (m, 4) receives x, y and z of the move, and 1 or 0
     """
     positions, near, facing, out = borrow(positions), borrow(near), borrow(facing), borrow(out)
     memory = _new_memory()
@@ -203,10 +206,10 @@ def _even_out(work: Array, moves: Array, near: Array, scans: Array, out: Array) 
     """Write to out[i] the mean move of the neighbours of point i that belong to the same scan.
 
     work : gives each thread its next tile, 512 points
-    moves : (n, 4) move of each point, and 1 where it is clear
+    moves : (n, 4) move of each point, and 1 where it is clear: the scans around certainly saw one surface
     near : (n, k) rows of neighbours
     scans : (n,) scan of each point, negative where unknown
-    out : (n, 3) zero where few of these moves are clear
+    out : (n, 3) receives the means of clear moves; zero where fewer than half of these moves are clear
     """
     moves, near, out = borrow(moves), borrow(near), borrow(out)
     tile = next_tile(work)
@@ -225,7 +228,7 @@ def _even_out(work: Array, moves: Array, near: Array, scans: Array, out: Array) 
 
 
 def heights(positions: Floats, rows: Rows, near: NDArray[np.int32], scans: NDArray[np.int32], facing: Floats) -> Floats:
-    """Return the moves that align misaligned scans: of each row to the mean of the scans around it, and 1 where clear.
+    """Return the moves that align misaligned scans: of each row to the mean of the scans around it.
 
     Parameters
     ----------
@@ -241,7 +244,7 @@ def heights(positions: Floats, rows: Rows, near: NDArray[np.int32], scans: NDArr
     Returns
     -------
     (m, 4) float32
-        x, y and z of the move, and 1 where it is clear, else 0.
+        x, y and z of the move, and 1 where it is clear, as the scans certainly saw one surface, else 0.
     """
     out = np.zeros((len(rows), 4), np.float32)
     run(_heights, -(-len(rows) // CHUNK), positions, rows, near, scans, facing, out)
@@ -249,9 +252,9 @@ def heights(positions: Floats, rows: Rows, near: NDArray[np.int32], scans: NDArr
 
 
 def even_out(moves: Floats, near: NDArray[np.int32], scans: NDArray[np.int32]) -> Floats:
-    """Average the moves of points over neighbours of the same scan, (n, 3); 0 where few of these are clear.
+    """Average the moves of points over neighbours of the same scan, (n, 3); 0 where less than half are clear.
 
-    moves : (n, 4) move of each point, and 1 where it is clear
+    moves : (n, 4) move of each point, and 1 where it is clear: the scans around certainly saw one surface
     near : (n, k) rows of neighbours
     scans : (n,) scan of each point, negative where unknown
     """

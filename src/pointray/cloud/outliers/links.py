@@ -11,7 +11,7 @@ CHUNK = 4096  # points of a tile
 
 @kernel
 def third_least(work: Array, values: Array, near: Array, out: Array) -> None:
-    """Write to out[i] the third least of the values of the points near[i].
+    """Write to out[i] the third least of the values of the points near[i]: a minimum despite two exceptions.
 
     work : gives each thread its next tile, 4096 points
     values, near : (n,), and (n, k) rows
@@ -35,11 +35,11 @@ def third_least(work: Array, values: Array, near: Array, out: Array) -> None:
 
 @kernel
 def link(work: Array, positions: Array, near: Array, reach: Array, strays: Array, out: Array) -> None:
-    """Write to out[i, j] whether point i is within the reach of its neighbour near[i, j]; strays never are.
+    """Write to out[i, j] whether point i is within the reach of its neighbour near[i, j], and neither is a stray.
 
     work : gives each thread its next tile, 4096 points
     positions, near : (n, 3), and (n, k) rows of neighbours
-    reach : (n,) greatest distance to each point
+    reach : (n,) distance within which each point is linked with others
     strays : (n,) bool
     """
     positions, near, reach, out = borrow(positions), borrow(near), borrow(reach), borrow(out)

@@ -33,7 +33,7 @@ ROWS = 1 << 15  # groups of a table at a time
 def _keep(
     positions: Array, row: int, near: Array, reach: Array, i: int, aside: float, kept: Array, away: Array
 ) -> float:
-    """List the nearest of a group's candidates for one of its points, row `row`; return the distance of the last.
+    """List the neighbours of point `row` of a group among the group's candidates; return the distance of the last.
 
     near : (m, k) rows of the candidates, nearest to the group's middle first, of which near[i] are used
     reach : (m, k) distances of the candidates from the middle
@@ -141,7 +141,7 @@ class LocalSurfaceFits:
     near : (n, k) int32
         Its nearest neighbours, itself first.
     known : (m,) bool
-        Which groups are fitted: group g holds the rows from `GROUP` g on.
+        Which groups are fitted: group g holds the four rows from 4 g on.
     """
 
     def __init__(self, positions: Floats) -> None:

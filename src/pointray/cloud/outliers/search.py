@@ -53,7 +53,7 @@ class LayerSearch:
         self._is_seed = starts % size // RANGE == size // RANGE // 2
 
     def seeds(self, progress: Progress | None = None) -> Rows:
-        """Return the numbers of the blocks of the cloud in whose middle points lie in a second layer, ascending."""
+        """Return the numbers of the ranges of the kd order in whose middle points lie in a second layer, ascending."""
         off = self._off(np.flatnonzero(self._is_seed), False, progress)
         self._floor_search.forget()
         return np.unique(self._blocks[off // RANGE])
@@ -61,13 +61,13 @@ class LayerSearch:
     def open(self, blocks: Rows, progress: Progress | None = None) -> Rows:
         """Examine all points of some blocks; return the blocks in which their second layers may continue.
 
-        blocks : numbers of ranges of the cloud's kd order
+        blocks : numbers of ranges of the cloud's kd order, as is the result
         """
         off = self._off(np.flatnonzero(np.isin(self._blocks, blocks)), True, progress)
         return np.unique(self._blocks[self._floor_search.fits.near[off].ravel() // RANGE])
 
     def examine_all(self, progress: Progress | None = None) -> None:
-        """Examine the points of all blocks that show second layers, and of those in which they continue.
+        """Examine all ranges of the kd order that show second layers, and those in which the layers continue.
 
         `FloorSearch.floors` then returns the results.
         """
