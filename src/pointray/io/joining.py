@@ -99,7 +99,8 @@ def colored(part: Part, known: ColorRange) -> Part:
 def common_georeference(parts: Sequence[Part]) -> Georeference:
     """Return the georeference of several files together, with the scanner positions of all.
 
-    Raise ValueError if coordinate systems or units differ. Scale and offset are kept if all files share their grid.
+    Raise ValueError if coordinate systems or units differ. Scale and offset of integer coordinates are kept if
+    all files round coordinates to the same grid.
     """
     crs = _common_value({part.name: part.georeference.crs for part in parts}, "coordinate systems")
     unit = _common_value({part.name: part.georeference.unit for part in parts}, "units")

@@ -89,7 +89,10 @@ def selected_chunks(name: str, source: Source, selection: Selection, progress: P
 
 
 def check_selected(files: Sequence[Opener], selection: Selection, rows: int) -> None:
-    """Raise ValueError if no row of any file is selected. rows : number of selected rows of all files"""
+    """Raise ValueError if `rows`, the number of selected rows of all files, is 0.
+
+    files, selection : what was read, for the message
+    """
     if rows:
         return
     what = "points" if selection.is_all else "selected points"

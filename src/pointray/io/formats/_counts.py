@@ -15,11 +15,11 @@ PROBE = 1 << 13  # bytes after the announced rows that are checked for zeros
 
 
 def readable_rows(announced: int, row: int, there: int, noun: str, faults: Faults) -> int:
-    """Return how many of the announced rows of `row` bytes can be read, where `there` bytes are left.
+    """Return how many of the announced rows of `row` bytes fit into the remaining `there` bytes of a file.
 
     Missing rows are recorded in `faults`. Raise ValueError if not even one is complete.
 
-    noun : what the rows are, in the message
+    noun : word for the rows in the message, such as "points"
     """
     if announced * row <= there:
         return announced
@@ -31,13 +31,16 @@ def readable_rows(announced: int, row: int, there: int, noun: str, faults: Fault
 
 
 def count_mismatch(announced: int, there: int, noun: str) -> str:
-    """Return a message about a file with `there` rows instead of those announced. noun : what the rows are"""
+    """Return a message about a file with `there` rows instead of `announced` ones.
+
+    noun : word for the rows in the message, such as "points"
+    """
     text = f"{announced:,} {noun} expected, {there:,} found"
     return text if there > announced else f"{text}: {missing(announced, there)}"
 
 
 def missing(announced: int, there: int) -> str:
-    """Return a message about how many of the announced rows are missing if there are only `there`."""
+    """Return a message that says how many of `announced` rows are missing in a file with only `there` rows."""
     return f"{announced - there:,} of {announced:,} are missing"
 
 

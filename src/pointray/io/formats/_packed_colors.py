@@ -45,7 +45,8 @@ class PackedColors:
     def unpack(self, packed: NDArray[Any]) -> NDArray[np.uint8]:
         """Unpack colours with bits 0xAARRGGBB, given as integers or as the bits of a float32, into (m, 3) uint8.
 
-        Some programs store the value of the integer as a float. Taken as bits these would have an alpha of 63 to 79.
+        Some programs store the integer's value as a float instead. Floats from 1 to 2^32 are taken for such values: as
+        bits they would have an alpha of 63 to 79.
 
         packed : (m,) integers, float32, or float64 if they were read from text
         """

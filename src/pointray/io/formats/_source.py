@@ -209,8 +209,8 @@ class Format:
     extra : tuple of str or None
         A package that a plain install lacks, and the optional dependency group of pointray that contains it.
     write : callable or None
-        (stream, a `Replacement`; points; progress or None) -> descriptions of what the format cannot store. Raises
-        ValueError if the points cannot be written at all.
+        (output stream with the attribute `path`, points, progress or None) -> descriptions of what the format cannot
+        store. Raises ValueError if the points cannot be written at all.
     """
 
     name: str

@@ -55,7 +55,7 @@ def recognise_columns(values: Values, is_whole: Sequence[bool], intensity_first:
     is_whole : sequence of bool
         Whether the numbers of a column are written without decimals.
     intensity_first : bool, optional
-        Whether an intensity precedes or follows the colours, if their values do not decide.
+        Whether an intensity precedes the colours (True) or follows them (False), if their values do not decide.
 
     Raises
     ------
@@ -178,10 +178,10 @@ def _find_colors(
 ) -> tuple[int | None, bool]:
     """Return the number of the first of three colour columns, or None, and whether it is a guess.
 
-    more : (n, m), the columns after x, y, z, from which the number is counted
+    more : (n, m), the columns after x, y, z; they are numbered from 0
     is_whole : whether the numbers of each column are written without decimals
     normals : number of the first of three columns of normals, or None
-    intensity_first : whether an intensity precedes or follows the colours; None if unknown
+    intensity_first : whether an intensity precedes the colours (True) or follows them (False); None if unknown
     """
     m = more.shape[1]
     taken = set() if normals is None else {normals, normals + 1, normals + 2}

@@ -31,7 +31,9 @@ FIELDS, SHOWN = 8, 60  # numbers of a line before its track; maximum length of a
 
 
 def recognise(head: bytes, path: Path) -> int:
-    """Detect COLMAP's points: return `SURE` for a text with its title or a plausible points3D.bin, `NO` for others.
+    """Detect COLMAP's points: return `SURE` or `NO`.
+
+    A text is recognised by the comment that lists the columns, points3D.bin by its name and plausible first values.
 
     head : first bytes of the file
     """

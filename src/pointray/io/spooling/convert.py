@@ -106,7 +106,7 @@ class Target(NamedTuple):
 
 
 class Located(NamedTuple):
-    """Result of writing the positions.
+    """Result of writing the positions of a cloud to disk, in float32 about an origin.
 
     Attributes
     ----------
@@ -169,7 +169,9 @@ def convert(cloud: Cloud, progress: Progress | None) -> Spooled:
 
 
 def _locate(cloud: Cloud, georeference: Georeference, progress: Progress | None) -> Located:
-    """Write the finite positions relative to an origin in float32, and their rounding errors; return what was found.
+    """Write the finite positions relative to an origin in float32, and their rounding errors.
+
+    Return the origin, the georeference, the number of rows, and the columns of rounding errors and of rows left out.
 
     georeference : of all files, to which a local projection is added if coordinates are in degrees
     """

@@ -146,7 +146,7 @@ def step_of(row: int) -> int:
 
 
 def check_table(header: Header, columns: tuple[str, ...] | None) -> None:
-    """Raise ValueError if an array without field names is not a table whose rows are points.
+    """Raise ValueError if an array without field names is not a table whose rows are points: x, y, z and others.
 
     columns : names of its columns given by the caller, or None
     """

@@ -127,9 +127,10 @@ class NpzSource(Source):
 
 
 def _first(members: dict[str, Member]) -> tuple[str, str]:
-    """Return the name of the array that holds the positions (or x); and again, if its columns must be identified.
+    """Return two names: of the array with the positions (or x), and of the one whose columns must be identified.
 
-    The second name is "" if the array can only hold positions. Raise ValueError if there are no positions.
+    The second name is that of the same array, or "" if it certainly has coordinates only. Raise ValueError if there are
+    no positions.
 
     members : arrays of the archive by name
     """
@@ -172,7 +173,9 @@ def _as_column(member: Member, pixels: tuple[int, ...]) -> Member:
 
 
 def _is_column(name: str, member: Member, count: int) -> bool:
-    """Whether an array has one value or row per point; ValueError if its name is reserved and it has other rows.
+    """Whether an array has one value or row per point.
+
+    Raise ValueError if it has another number of rows, and its name is one of positions, normals or colours.
 
     count : number of points
     """
@@ -209,7 +212,9 @@ def write(file: Any, points: Points, progress: Progress | None = None) -> list[s
 
 
 def _member_name(name: str) -> str:
-    """Return the name of the array that stores an attribute, with a prefix if the attribute's name is reserved.
+    """Return the name of the array that stores an attribute: its own, or with a prefix where that means other data.
+
+    Names like "colors" or "crs" would be read as colours or as the coordinate system.
 
     Raise ValueError if an archive cannot have such a name.
     """

@@ -51,16 +51,14 @@ class Scan:
     Attributes
     ----------
     index : int
-        Position in the file.
+        Number of the scan in the file, from 0.
     count, announced : int
         Maximum number of points in the file, and the announced number.
-    offset : int
-        Byte of the file at which the points begin.
     fields : dict of str to Field
         Columns by name.
     rotation : (3, 3) float64
     station : (3,) tuple of float
-        Scanner position: world = rotation @ own + station.
+        Scanner position: world = rotation @ point + station for a point in the coordinates of the scan.
     posed : bool
         Whether the file states a pose.
     turned : bool

@@ -152,8 +152,8 @@ def parts_of(file: BinaryIO, header: Header, packing: Packing, size: int, faults
 def _rows_of_last(file: BinaryIO, header: Header, packing: Packing, start: int, announced: int) -> int:
     """Return the number of rows of the last chunk, which the table of chunks does not state.
 
-    A chunk with layers states it after its first row. For others it is what the header announces, or the full number of
-    rows of a chunk if that is impossible.
+    A chunk of separately compressed layers states it after its first row. For others it is what the header announces,
+    or the full number of rows of a chunk if that is impossible.
 
     start : offset of the chunk; announced : rows of the header that are not in earlier chunks
     """
@@ -189,9 +189,10 @@ def _table_at(file: BinaryIO, header: Header, size: int) -> int:
 def unpacked_parts(
     file: BinaryIO, header: Header, packing: Packing, parts: Sequence[Part]
 ) -> Iterator[tuple[NDArray[np.uint8], int]]:
-    """Decompress chunks in groups of about 2^18 rows; yield the bytes of their rows, and the number of chunks done.
+    """Decompress chunks in groups of about 2^18 rows; yield the rows of a group as bytes, and how many chunks are done.
 
-    The bytes are in a buffer that is reused. Raise ValueError if a chunk is damaged.
+    The bytes are in a buffer that is reused; the number counts the chunks of all groups so far. Raise ValueError if a
+    chunk is damaged.
 
     parts : the chunks
     """
@@ -223,9 +224,10 @@ def _decompress(raw: bytearray, packing: Packing, out: NDArray[np.uint8], group:
 
 
 def _rows_there(raw: bytearray, packing: Packing, row: int, part: Part) -> int:
-    """Return how many rows a chunk without layers contains, found by bisection; raise ValueError if there is not one.
+    """Return the number of rows of a chunk that does not state it; raise ValueError if there is not one row.
 
-    Such a chunk does not state its rows; decompressing more of them fails at the end of the bytes.
+    Such chunks have no separately compressed layers. The number is found by bisection: decompressing too many rows
+    fails at the end of the bytes.
 
     raw : the compressed bytes; row : bytes per row; part : the chunk, with the maximum number of rows
     """
@@ -270,8 +272,8 @@ def _read_parts(file: BinaryIO, group: Sequence[Part]) -> bytearray:
 def _check_parts(raw: bytearray, group: Sequence[Part], row: int, layers: int) -> None:
     """Check the rows and sizes stated in chunks, which lazrs trusts when it allocates memory.
 
-    A chunk begins with a raw row; layered chunks continue with the number of rows and the sizes of the layers. A stream
-    of compressed bytes that begins with the largest number makes lazrs end the process.
+    A chunk begins with a raw row; layered chunks continue with the number of rows and the sizes of the layers.
+    Compressed bytes that begin with 0xffffffff, which no valid stream does, make lazrs end the process.
 
     raw : compressed bytes of the chunks in `group`; row : bytes per row
     layers : number of separately compressed streams per chunk, 0 if it is not layered

@@ -168,7 +168,7 @@ def _is_mixed(faces: NDArray[np.int64], vertices: int) -> bool:
 def _means(normals: NDArray[np.float64], place: NDArray[np.int64], n: int) -> NDArray[np.float64]:
     """Return the mean direction of the normals at each of n places, (n, 3); a single normal is unchanged.
 
-    place : (m,), place of each of the normals, (m, 3)
+    normals : (m, 3); place : (m,), index of the place of each normal, from 0 to n - 1
     """
     sums = np.stack([np.bincount(place, column, n) for column in normals.T], axis=1).astype(np.float64)
     several = np.bincount(place, minlength=n) > 1

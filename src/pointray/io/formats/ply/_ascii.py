@@ -70,7 +70,7 @@ def _rows_of_text(lines: Iterator[str], names: list[str], count: int, most: int,
 
 
 def _loaded(lines: Iterator[str], wanted: int, done: int, width: int, count: int) -> NDArray[np.float64]:
-    """Read the numbers of the next lines, (m, width), at most `wanted`; a ValueError says which vertex is invalid.
+    """Read the numbers of at most `wanted` lines, (m, width); raise ValueError, with the vertex, if one is invalid.
 
     done : vertices read before; count : announced number of vertices, for messages
     """

@@ -142,7 +142,8 @@ def bytes_left(file: BinaryIO) -> int:
 def check_size(file: BinaryIO, element: Element, row: int, faults: Faults | None = None) -> int:
     """Return how many of an element's announced rows of `row` bytes fit into the rest of the file.
 
-    Missing rows are recorded in `faults`. Raise ValueError if there are no `faults`, or not even one row.
+    Missing rows are recorded in `faults`. Raise ValueError if rows are missing and `faults` is None, or if not even one
+    row fits.
     """
     left, count = bytes_left(file), element.rows
     if count * row <= left:

@@ -59,7 +59,9 @@ class Splats(NamedTuple):
 
 
 def listing_of(count: int, opacity: float, facts: Mapping[str, Any], row: int = ROW) -> Listing:
-    """Describe a file of `count` Gaussian splats as its header does; how many are opaque enough is known only later.
+    """Return what the header of a file of `count` Gaussian splats announces.
+
+    If `opacity` is not 0, `count` is only an estimate of the rows: transparent splats are left out.
 
     opacity : minimum opacity; facts : information for `pointray info`; row : bytes per point while reading
     """

@@ -115,9 +115,10 @@ def _checked(tables: dict[str, Table], name: str, needed: tuple[str, ...]) -> Ta
 
 
 def _fitted(vertices: Table, boxes: Table, size: int, faults: Faults) -> Table:
-    """Return the vertices in a file of `size` bytes, one per Gaussian splat; missing ones are recorded in `faults`.
+    """Return the location of the vertices, one per Gaussian splat, that a file of `size` bytes contains.
 
-    Raise ValueError if the header's counts are inconsistent or no vertex is complete.
+    Missing vertices are recorded in `faults`. Raise ValueError if the header's counts are inconsistent or no
+    vertex is complete.
 
     vertices, boxes : location of the splats, and of the bounding boxes of 256 of them each
     """

@@ -112,7 +112,7 @@ def _bits(number: Number, powers: Array) -> int:
 def _digits(data: Array, at: int, w: int, kept: int, lost: int) -> tuple[int, int, int, int, bool]:
     """Read decimal digits from an offset on and append them to the integer w, which holds 19 of them; drop the others.
 
-    Return the end, w, the numbers of digits used and dropped, and whether a dropped digit is not 0.
+    Return the offset after them, w, the numbers of digits used and dropped, and whether a dropped digit is not 0.
 
     kept, lost : numbers of digits used and dropped before
     """
@@ -132,7 +132,7 @@ def _digits(data: Array, at: int, w: int, kept: int, lost: int) -> tuple[int, in
 
 @inline
 def _few_digits(data: Array, at: int, w: int) -> tuple[int, int]:
-    """Read decimal digits from an offset on and append them to the integer w; return the end and w.
+    """Read decimal digits from an offset on and append them to the integer w; return the offset after them and w.
 
     With more than 19 digits w overflows; the caller then reads them again.
     """
@@ -159,7 +159,7 @@ def _word(data: Array, at: int) -> int:
 
 @inline
 def _exponent(data: Array, at: int) -> tuple[int, int]:
-    """Read a decimal exponent after its e; return the end, or -1 if it has no digits, and the value."""
+    """Read a decimal exponent after its e; return the offset after it, or -1 if it has no digits, and the value."""
     sign = _byte(data, at)
     at += 1 if sign == 45 or sign == 43 else 0
     begin, value = at, 0
@@ -175,8 +175,8 @@ def _exponent(data: Array, at: int) -> tuple[int, int]:
 def _token(data: Array, at: int, table: Array) -> Number:
     """Read the word at an offset as a number w * 10^q.
 
-    Return its end, class, w, q, whether it is negative, and whether digits other than 0 are lost: more than 19 do not
-    fit into w. The class is `WHOLE`, `REAL`, `NAN`, `INFINITE`, or `BAD` for other words.
+    Return the offset after it, its class, w, q, whether it is negative, and whether digits other than 0 are lost:
+    more than 19 do not fit into w. The class is `WHOLE`, `REAL`, `NAN`, `INFINITE`, or `BAD` for other words.
 
     table : (256,) uint8, class of each byte value
     """
@@ -303,7 +303,8 @@ def parse_pieces(
     pieces : (p + 1,) int64, offsets where pieces begin, each after the end of a line
     setting : (257 + k,) uint8, class of each byte value, whether there are comments, mode of each of k columns
     powers : table of the leading 128 bits of the powers of ten; out : (bytes,) int64, receives numbers row by row
-    states : (p, 4) int64, receives rows of each piece, why and where it ends, words that Python's float must parse
+    states : (p, 4) int64, receives for each piece the number of rows, why (FINE or an error) and at which offset
+    parsing ends, and the number of words that Python's float must parse
     stats : (p, k, 3) int64, receives whether a column has integers only, the minimum and the maximum
     """
     data, out, setting, powers, stats = borrow(data), borrow(out), borrow(setting), borrow(powers), borrow(stats)

@@ -128,7 +128,7 @@ class Block:
 
 
 class Reader:
-    """Reads rows of numbers of a file, from an offset on.
+    """Parser of the rows of numbers in a text file, from an offset on.
 
     Parameters
     ----------

@@ -89,8 +89,8 @@ def _check_count(announced: int | None, count: int, line: str) -> None:
 def _announced(file: BinaryIO, reader: Reader, before: int | None, faults: Faults) -> tuple[int, str] | None:
     """Read the number of rows from a line between rows; return it and its place, such as "line 12".
 
-    The reader is moved past the line. Return None if the line is an incomplete last line; raise ValueError if it is not
-    a number.
+    PTS files have such a line before the rows of each scan. The reader is moved past it. Return None if it is an
+    incomplete last line; raise ValueError if it is not a number.
 
     before : number announced for the previous rows, None if none was
     """
