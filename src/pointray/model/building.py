@@ -26,7 +26,7 @@ from .model_data import ModelData
 class BuildOptions(NamedTuple):
     """Checked options of a model.
 
-    settings : the implicit surface, the samples along a ray, limits of hits and the voxel size
+    settings : the implicit surface, the samples along a ray, how far hits may lie from splats, the voxel size
     scale : factor for the radii of the surface
     smooth : standard deviation of the noise to remove from the positions, or "auto"
     drawing : how points that lie on no surface are drawn, such as spheres

@@ -25,10 +25,10 @@ COARSER = 2.0  # ratio of a level's cell size to that of the level before; for t
 
 
 def make_levels(data: ModelData, report: StageProgress) -> Iterator[ModelData]:
-    """Yield the levels of detail of a model, from fine to coarse, each with half as many points along a line.
+    """Yield the levels of detail of a model, from fine to coarse, each with twice the point spacing of the one before.
 
-    Points that share a grid cell and face about the same way are averaged. It ends when a level would have fewer than
-    700 points, or not 1.5 times fewer than the one before.
+    Points that share a grid cell and face about the same way are averaged. No level is made that would have fewer than
+    700 points, or more than 2/3 as many as the one before.
 
     report : called with the name of the stage and its completed share
     """

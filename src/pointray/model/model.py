@@ -68,9 +68,9 @@ class Model(TraceableModel):
         Factor for all radii of the surface.
     smooth : "auto" or float
         Standard deviation of the positions' noise, in their unit. Splats lie on the surface estimated from noisy points
-        and their neighbours (`pr.smooth`), and those of sparse second layers on the surface beside them
-        (docs/strays.md). "auto": measured, locally; 0: positions are used as they are. With given radii "auto" is 0,
-        and no layer is moved. Rows, attributes and `points` stay as given.
+        and their neighbours (`pr.smooth`). Those of sparse second layers, such as of misaligned scans, lie on the
+        surface beside them (docs/strays.md). "auto": measured, locally; 0: positions are used as they are. With given
+        radii "auto" is 0, and no layer is moved. Rows, attributes and `points` stay as given.
     scatter : {"auto", "spheres", "discs", "surface", "none"}
         How points that lie on no surface (leaves, wires, strays) are drawn: as spheres, as single flat discs
         perpendicular to their normals, as splats of the surface like all other points, or not at all. With given radii,
@@ -348,21 +348,21 @@ class _OnDisk(Model):
 
     @cached_property
     def step(self) -> float:
-        """Upper limit of the steps between a ray's samples, in the points' unit: the longest in any part.
+        """Upper limit of the steps between a ray's samples, in the points' unit.
 
-        Of a part with levels of detail it is larger by a factor of 2 for each level, whose steps are about twice as
-        long as those of the next finer one.
+        It is the longest step in any part of the model, times 2 for each level of detail of this part: a level's steps
+        are about twice as long as those of the next finer one.
         """
         return self.source.cache.step * COARSER ** len(self.levels)
 
     @cached_property
     def spacing(self) -> float:
-        """Median radius of the splats in the file, in the points' unit, as the index of the folder states it."""
+        """Median radius of the splats in the file, in the points' unit, as the folder's index file states it."""
         return self.source.file.spacing
 
     @cached_property
     def longest(self) -> int:
-        """Number of blocks in the longest leaf, as the index of the folder states it; kernels allocate memory by it."""
+        """Number of blocks in the longest leaf, as the folder's index file states it; kernels allocate memory by it."""
         return self.source.file.longest
 
     @property
@@ -409,17 +409,17 @@ class PartOnDisk(_OnDisk):
 
     @property
     def has_surface(self) -> bool:
-        """Whether rays can hit the part, according to the index of the folder."""
+        """Whether rays can hit the part, according to the folder's index file."""
         return self._stored_bounds is not None
 
     @cached_property
     def surface_bounds(self) -> NDArray[np.float64]:
-        """Bounds of all that rays can hit of the part, (2, 3) float64, relative to the origin, as the index states."""
+        """Bounds of all that rays can hit of the part, (2, 3) float64, relative to the origin, from the index file."""
         return self.data.empty_bounds if self._stored_bounds is None else np.array(self._stored_bounds)
 
     @property
     def _stored_bounds(self) -> list[list[float]] | None:
-        """Bounds of all that rays can hit of the part, (2, 3), relative to the origin, as the index states.
+        """Bounds of all that rays can hit of the part, (2, 3), relative to the origin, from the folder's index file.
 
         None if rays cannot hit it.
         """
@@ -464,7 +464,7 @@ class ModelInParts(Model):
         self._saved = place_of(path, INDEX), self.levels
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state for pickles and copies, without the cache of open files; copies hold the parts instead."""
+        """Return the state for pickles and copies, without the cache of files; parts are pickled with their arrays."""
         return {**super().__getstate__(), "_cache": None}
 
     def check_whole(self) -> None:

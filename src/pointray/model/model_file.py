@@ -61,7 +61,7 @@ class Place:
     path : absolute
     size : bytes
     written : modification time in nanoseconds
-    leveled : whether the levels of detail in the file belong to the model
+    leveled : whether the model has the levels of detail that are in the file
     index : for a folder, the file in it that size and time refer to; else empty
     """
 
@@ -200,7 +200,7 @@ def check_columns(level: Level, model: Level) -> None:
 
 
 def _columns_of(points: Points) -> dict[str, Any]:
-    """Return what all levels of a model must share: whether colours are missing, dtype and shape of each attribute."""
+    """Return a dict to compare levels of a model by: whether colours are missing, dtype and row shape of attributes."""
     return {"": points.colors is None, **{name: (v.dtype, v.shape[1:]) for name, v in points.attributes.items()}}
 
 

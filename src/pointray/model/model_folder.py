@@ -45,7 +45,7 @@ Report = Callable[[float], None]
 
 
 class LevelFile(NamedTuple):
-    """A level of detail of a part, as described in the index of a model in parts.
+    """A level of detail of a part, as described in the index file (index.json) of a model in parts.
 
     name : of the file; points : their number
     spacing : median of their radii
@@ -62,7 +62,7 @@ class LevelFile(NamedTuple):
 
 
 class PartFile(NamedTuple):
-    """A part, as described in the index of a model in parts.
+    """A part, as described in the index file (index.json) of a model in parts.
 
     name : of the file; points : number of its own points; bounds : (2, 3) of these, world
     reach : (2, 3) bounds of all that rays can hit, relative to the origin; None: nothing
@@ -145,7 +145,7 @@ def write_points(
 
 
 def write_part(folder: Path, id: str, number: int, points: int, bounds: NDArray[np.float64], tree: Tree) -> PartFile:
-    """Write the file with the tree of a part; return its entry in the index, without levels of detail.
+    """Write the file with the tree of a part; return its entry for the index file, without levels.
 
     The entry's spacing is the median of all radii, as if no points were drawn as spheres or discs.
 
@@ -164,7 +164,7 @@ def write_part(folder: Path, id: str, number: int, points: int, bounds: NDArray[
 
 
 def write_level(folder: Path, id: str, part: int, number: int, level: Level) -> LevelFile:
-    """Write the file of a level of detail of a part; return its entry in the index.
+    """Write the file of a level of detail of a part; return its entry for the index file.
 
     id : of the folder; part : number of the part, from 0; number : of the level, 1 is the finest
     level : its points, radii and tree
@@ -211,12 +211,12 @@ def read_folder(path: str | os.PathLike[str]) -> tuple[Index, Level]:
 
 
 def check_folder(path: str | os.PathLike[str]) -> None:
-    """Raise a ValueError if a folder has no valid index of a model in parts."""
+    """Raise a ValueError if a folder has no valid index.json, the index file of a model in parts."""
     _read_index(Path(path))
 
 
 def verify_folder(path: str | os.PathLike[str]) -> None:
-    """Raise a ValueError if the size or SHA-256 of any file of a model in parts differs from the index.
+    """Raise a ValueError if the size or SHA-256 of any file of a model in parts differs from its index file.
 
     Reads all files.
     """
@@ -341,9 +341,11 @@ def read_level(folder: Path, index: Index, key: tuple[int, int], whole: Level, i
 
 
 def _check_leaves(tree: Tree, file: PartFile | LevelFile) -> None:
-    """Raise a ValueError if the number of blocks in a tree's longest leaf differs from the index.
+    """Raise a ValueError if the number of blocks in a tree's longest leaf differs from its index entry.
 
-    Kernels allocate memory by the number in the index.
+    Kernels allocate memory by the number in the entry.
+
+    file : the entry of the part or level that the tree belongs to
     """
     if longest_leaf(tree) != file.longest:
         raise ValueError(f"expected a longest leaf of {file.longest} blocks, got {longest_leaf(tree)}")
@@ -359,7 +361,7 @@ def _named(path: Path) -> Iterator[None]:
 
 
 def _check_size(path: Path, nbytes: int) -> None:
-    """Raise a ValueError if a file does not have the size in bytes that the index of its folder states."""
+    """Raise a ValueError if a file does not have the size in bytes that the folder's index file states."""
     size = path.stat().st_size
     if size != nbytes:
         raise ValueError(f"expected {nbytes:,} bytes, got {size:,}: the file is truncated or belongs to another folder")

@@ -79,7 +79,7 @@ class ResidencyCache:
         return self._index.longest
 
     def file(self, key: Key) -> PartFile | LevelFile:
-        """Return the description of a file in the index: its name, size, number of points and spacing."""
+        """Return the entry of a file in the folder's index file: its name, size, number of points and spacing."""
         part = self._index.parts[key.part]
         return part.levels[key.level - 1] if key.level else part
 
@@ -100,7 +100,7 @@ class ResidencyCache:
         OSError
             If the file cannot be opened; the error names it.
         ValueError
-            If it is damaged or does not match the index; the message names it.
+            If it is damaged or does not match the folder's index file; the message names it.
         """
         found = self.find(key)
         if found is not None:
@@ -157,7 +157,7 @@ class ResidencyCache:
         return Opened(data, file.nbytes)
 
     def _close_surplus(self, newest: Key) -> list[Tree]:
-        """Remove the least recently used files beyond the budget from the cache; return their trees.
+        """Remove the least recently used files beyond the budget from the cache; return their trees, to free memory.
 
         newest : key of the file just opened, which is kept
         """
@@ -202,5 +202,5 @@ class Source(NamedTuple):
 
     @property
     def file(self) -> PartFile | LevelFile:
-        """Description of the file in the index: its name, size, number of points and spacing."""
+        """Entry of the file in the folder's index file: its name, size, number of points and spacing."""
         return self.cache.file(self.key)

@@ -60,7 +60,7 @@ class TraceableModel:
 
     @property
     def settings(self) -> TreeSettings:
-        """Settings of the tree: the implicit surface, the samples along a ray, limits of hits and the voxel size."""
+        """The implicit surface, the samples along a ray, how far hits may lie from splats, and the voxel size."""
         return self.data.settings
 
     @property

@@ -35,7 +35,8 @@ def sculpt_plinth(clay: Clay) -> None:
 def _torso(clay: Clay, grow: float, **stroke: Any) -> None:
     """Add chest, shoulders and stumps of the arms to a sculpture made of strokes, shapes that add or remove clay.
 
-    grow : length by which they are enlarged, for a layer of cloth over the body; stroke : colour, blending, operation
+    grow : length by which they are enlarged, for a layer of cloth over the body
+    stroke : op (ADD, CARVE, CUT or PAINT), width of blending, color, vein (strength of veins)
     """
     g = grow
     clay.ellipsoid((0, 0.03, 0.80), (0.35 + g, 0.19 + g, 0.40 + g), width=0.05, **stroke)

@@ -22,7 +22,8 @@ def _select(work: Array, solid: Solid, centers: Array, parents: Array, half: flo
 
     It is done by interval arithmetic over a ball around the cell.
 
-    centers : (cells, 3); parents : (cells,) the list of strokes that each cell selects from; half : radius of the ball
+    centers : (cells, 3); half : radius of the ball
+    parents : (cells,) number of the list of strokes in `solid` that each cell selects from
     out : out[i, 0] is set to the number of strokes of cell i, out[i, 1:] to their indices
     near : near[i] is set to 1 if the surface may pass through the cell
     """

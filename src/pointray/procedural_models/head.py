@@ -200,7 +200,8 @@ def _arc(clay: Clay, points: list[tuple[float, float, float]], radius: float, **
 
     Each tube begins where the last one ends.
 
-    radius : of the rod; stroke : operation, blending width, colour and veins
+    radius : of the rod
+    stroke : op (ADD, CARVE, CUT or PAINT), width of blending, color, vein (strength of veins)
     """
     for k in range(0, len(points) - 2, 2):
         clay.tube(points[k], points[k + 1], points[k + 2], (radius, radius, 0.0), **stroke)

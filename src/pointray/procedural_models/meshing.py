@@ -35,7 +35,7 @@ class Grid(NamedTuple):
 def _near(work: Array, solid: Solid, grid: Grid, near: Array) -> None:
     """Mark the blocks of 8 x 8 x 8 grid cells that the surface may pass through.
 
-    near : (blocks along x, y, z), written
+    near : (blocks along x, y, z) bool, written
     """
     solid, half = borrow(solid), 0.5 * BLOCK_EDGE * grid.cell
     i = next_tile(work)
@@ -54,7 +54,7 @@ def _find_parts(work: Array, solid: Solid, grid: Grid, blocks: Array, near: Arra
 
     A block has 8 x 8 x 8 grid cells, a part of it 2 x 2 x 2.
 
-    blocks : (b, 3) int32, positions of the blocks in units of blocks; near : (b, 64), written
+    blocks : (b, 3) int32, positions of the blocks in units of blocks; near : (b, 64) bool, written
     """
     solid, grid, half = borrow(solid), borrow(grid), 0.5 * PART_EDGE * grid.cell
     t = next_tile(work)
@@ -141,9 +141,10 @@ def _vertices(
 ) -> None:
     """Make one vertex for each cell that the surface crosses: the mean of the crossings, moved onto the surface.
 
-    If `vertices` is empty they are only counted.
+    If `vertices` is empty they are only counted, for each block.
 
-    blocks : (b, 3) positions of blocks of 8 x 8 x 8 cells; first : (b,) first vertex of each, or its count, written
+    blocks : (b, 3) positions of blocks of 8 x 8 x 8 cells
+    first : (b,) number of the first vertex of each block; if `vertices` is empty, the counts are added to it
     vertices : (v, 3), written; numbers : number of each cell's vertex, written
     """
     solid, grid = borrow(solid), borrow(grid)

@@ -39,7 +39,7 @@ def noise(x: float, y: float, z: float) -> float:
 def _cloud(x: float, y: float, z: float, scale: float) -> float:
     """Return noise at three scales added up (fractal noise), about -1.75 to 1.75.
 
-    scale : features of the coarsest per unit
+    scale : frequency of the coarsest one, in features per unit of length
     """
     n = noise(x * scale, y * scale, z * scale)
     n += 0.5 * noise(2.03 * x * scale + 7.0, 2.03 * y * scale, 2.03 * z * scale)

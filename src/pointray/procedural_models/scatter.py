@@ -146,7 +146,8 @@ def _gather(
 
     bricks, brick : all cells of the coarse grid with their points, and the number of one
     grid : (x, y, z of the low corner, 1 / edge of a cell) of the fine grid; dims : its cells along an axis
-    heads : first point of each cell, -1 if it has none, updated; following, local : next point and position, written
+    heads : first point of each cell, -1 if it has none, updated
+    following : next point in the same cell, -1 at the end, written; local : (held, 3) positions, written
     """
     held = 0
     for number in range(27):

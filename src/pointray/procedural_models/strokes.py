@@ -89,21 +89,24 @@ class Clay:
 
         radii : along its axes; turn : angles of the axes about x, y and z in degrees; share : its opacity as paint, 0
             to 1
-        both : whether to add its mirror image at x = 0; stroke : operation, blending width, colour and veins
+        both : whether to add its mirror image at x = 0
+        stroke : op (ADD, CARVE, CUT or PAINT), width of blending, color, vein (strength of veins)
         """
         self._solid(clay.ELLIPSOID, center, radii, turn, share, both, **stroke)
 
     def box(self, center: Vector, half: Vector, rounding: float, **stroke: Any) -> None:
         """Add a box with rounded edges to the shapes of a sculpture.
 
-        half : (3,) half of its edges; rounding : radius of its edges; stroke : operation, blending width, colour, veins
+        half : (3,) half of its edges; rounding : radius of its edges
+        stroke : op (ADD, CARVE, CUT or PAINT), width of blending, color, vein (strength of veins)
         """
         self._solid(clay.BOX, center, half, (0, 0, 0), rounding * self._scale, False, **stroke)
 
     def drum(self, center: Vector, radius: float, half: float, rounding: float, **stroke: Any) -> None:
         """Add a cylinder along z with rounded rims to the shapes of a sculpture.
 
-        half : half of its height; rounding : radius of the rims; stroke : operation, blending width, colour and veins
+        half : half of its height; rounding : radius of the rims
+        stroke : op (ADD, CARVE, CUT or PAINT), width of blending, color, vein (strength of veins)
         """
         self._solid(clay.DRUM, center, (radius, radius, half), (0, 0, 0), rounding * self._scale, False, **stroke)
 
@@ -111,7 +114,7 @@ class Clay:
         """Add a torus about z to the shapes of a sculpture.
 
         radius : of its centre line; thickness : radius of its cross section; turn : angles about x, y and z in degrees
-        stroke : operation, blending width, colour and veins
+        stroke : op (ADD, CARVE, CUT or PAINT), width of blending, color, vein (strength of veins)
         """
         self._solid(clay.RING, center, (radius, radius, thickness), turn, 1.0, False, **stroke)
 
@@ -128,7 +131,8 @@ class Clay:
         """Add a bent tube from `a` to `c` through a point half way to the shapes of a sculpture.
 
         radii : at `a`, at `c`, and the excess of the radius at the middle; share : its opacity as paint, 0 to 1
-        both : whether to add its mirror image at x = 0; stroke : operation, blending width, colour and veins
+        both : whether to add its mirror image at x = 0
+        stroke : op (ADD, CARVE, CUT or PAINT), width of blending, color, vein (strength of veins)
         """
         p, m, q = (np.asarray(v, np.float64) for v in (a, through, c))
         control = 2.0 * m - 0.5 * (p + q)

@@ -63,7 +63,7 @@ SEPARATED_AT = 0.3  # progress after scattered points are in columns of their ow
 class BuildOptions:
     """Options of a model that is built from a cloud on disk.
 
-    settings : the implicit surface, the samples along a ray, limits of hits and the voxel size
+    settings : the implicit surface, the samples along a ray, how far hits may lie from splats, the voxel size
     smooth : standard deviation of the noise to remove from the positions, or "auto"
     size : points of a part, a power of two
     leveled : whether parts get levels of detail
@@ -123,9 +123,10 @@ class OutOfCoreBuilder:
         self.settings, self._progress = options.settings, progress
 
     def build(self) -> int:
-        """Run all stages and write the model, the index last; return the number of points.
+        """Run all stages and write the model, the index file last; return the number of points.
 
-        First the points that lie on no surface are separated; the surface and they are then built one after the other.
+        Points that lie on no surface are separated first. Parts of the surface are built next, then those of these
+        points.
         """
         all_written, drawing = [], self._drawing
         surface, loose = self._separate()

@@ -60,10 +60,16 @@ class OnDiskVotes:
 
 
 def keep(columns: Columns, name: str, votes: Votes, pieces: int) -> Whole:
-    """Write votes to a new column on disk; return the first row of each table, then the number of rows.
+    """Write votes to a new column on disk, as one table for each range of pieces; return where tables begin.
 
-    votes : sorted by pairs of pieces (connected points with consistent normals); pieces : their number in the whole
-        cloud
+    A vote states whether the normals of two pieces (connected points with consistent normals) agree.
+
+    votes : sorted by pairs of pieces; pieces : their number in the whole cloud
+
+    Returns
+    -------
+    (t + 1,) int64
+        First row of each table, then the number of rows.
     """
     columns.fill(name, np.stack(votes, axis=1))
     tables = max(-(-pieces // PIECES), 1)

@@ -125,7 +125,7 @@ def _own(work: Work, part: int) -> Local:
 def turn_fits(work: Work, cloud: Cloud, has_planes: bool, span: Span) -> None:
     """Write the fitted normals of a cloud with consistent, outward signs to the column `FACED`, unless already done.
 
-    has_planes : whether signs are found with planes around noisy points, and then given to the normals
+    has_planes : whether signs are chosen for the normals of planes around noisy points, which the fitted ones follow
     span : begin and end, as fractions of all work
     """
     columns = work.columns
@@ -141,7 +141,7 @@ def turn_fits(work: Work, cloud: Cloud, has_planes: bool, span: Span) -> None:
 def _turn(work: Work, cloud: Cloud, has_planes: bool, part: int) -> None:
     """Write the fitted normals of a part with their signs to the column `FACED`.
 
-    has_planes : whether the signs found are those of planes around the points, which the normals must face
+    has_planes : whether the signs are those of the normals of planes around the points, which the fitted ones follow
     """
     columns, normals = work.columns, work.read(NORMALS, part)
     if has_planes:
@@ -175,7 +175,7 @@ def turn_given(work: Work, cloud: Cloud, span: Span) -> None:
 
 
 def _put_units(work: Work, cloud: Cloud, part: int) -> Facts:
-    """Write the normals of a part at unit length, and where scanner positions are known.
+    """Write the normals of a part at unit length, and a mask of the points with known scanner positions, if any are.
 
     Returns
     -------

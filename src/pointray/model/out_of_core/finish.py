@@ -72,7 +72,10 @@ class Chain:
 
 
 class Numbers:
-    """Stand-in for a column on disk whose value in each row is the number of the row, such as that of splats' rows."""
+    """Stand-in for a column on disk whose value in each row is the number of that row.
+
+    It is the field `rows` of splats that are in the order of their points.
+    """
 
     def __getitem__(self, rows: Any) -> NDArray[np.int32]:
         return np.arange(rows.start, rows.stop, dtype=np.int32) if isinstance(rows, slice) else rows.astype(np.int32)
@@ -133,7 +136,7 @@ def finish(
     report: Progress | None,
     bounds: list[list[float]] | None = None,
 ) -> None:
-    """Write the points of all parts and, last, the index, which makes the folder a model.
+    """Write the points of all parts and, last, the index file, which makes the folder a model.
 
     all_written : parts of the surface, then of scattered points; settings : of the model, as JSON types
     loose : number of scattered points (drawn as spheres or discs); report : called with the fraction done

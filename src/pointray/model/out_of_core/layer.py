@@ -67,7 +67,12 @@ class Layer:
         return slice(first, first + int(self.sizes[part]))
 
     def rows_of(self, numbers: slice) -> Rows:
-        """Return the rows in the columns of a range of splats. numbers : of the splats, counted without unused rows"""
+        """Return the rows in the columns of a range of splats.
+
+        After the splats of each part the columns may have unused rows.
+
+        numbers : of the splats, part after part, counted without unused rows
+        """
         ends = np.cumsum(self.sizes)
         places = np.arange(numbers.start, min(numbers.stop, int(ends[-1])))
         part = np.searchsorted(ends, places, side="right")

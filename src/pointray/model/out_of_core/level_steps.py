@@ -206,7 +206,9 @@ def tree_part(
     written: list[LevelProgress | None],
     part: int,
 ) -> Facts:
-    """Write the file of a part's level of detail, unless it is not wanted, has no surface or is no coarser than before.
+    """Write the file of a part's level of detail, unless it is not wanted or has no surface.
+
+    It is not written either if its median radius is less than that of the part's previous level.
 
     layer : splats of all parts; cells : (parts, 6) the space of each part; whole : values shared with other trees
     written : levels written of each part so far, None where no further level is wanted
@@ -240,7 +242,10 @@ def tree_part(
 
 
 def splats_at(layer: Layer, rows: slice | Rows, first: int = 0) -> Splats:
-    """Return the splats of some rows of a level of detail. first : number of the first one; the others follow"""
+    """Return the splats of some rows of a level of detail.
+
+    first : number of the first splat, by which a tree refers to its point; the others get the following ones
+    """
     positions, normals, radii = (layer.read(name, rows) for name in (POSITIONS, NORMALS, RADII))
     colors, borders, sheets, noise = (layer.find(name, rows) for name in (COLORS, BORDERS, SHEETS, NOISE))
     numbers = np.arange(first, first + len(radii), dtype=np.int32)

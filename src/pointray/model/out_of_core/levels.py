@@ -62,7 +62,7 @@ def write_levels(
     named : ModelInfo
         Facts that all files contain.
     cells : (parts, 6) float64
-        Space of each part.
+        Box of space that belongs to each part: low x y z, high x y z.
     parts : list of PartFile
         Index entries without levels.
     span : (float, float)
@@ -77,7 +77,7 @@ def write_levels(
 
 
 def write_all_levels(work: Work, whole: Layer, steps: Steps, parts: list[PartFile], span: Span) -> list[PartFile]:
-    """Write levels of detail, each from the finer one, until no part has 700 splats (LEAST_POINTS) in one.
+    """Write levels of detail, each from the finer one, while any part has at least 700 splats in it.
 
     whole : splats of the full model; steps : what makes a level; span : begin and end, as fractions of all work
 

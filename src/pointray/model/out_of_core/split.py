@@ -112,7 +112,7 @@ def split(
 
 
 def _write(model: Model, folder: Path, wanted: int, leveled: bool, progress: Progress | None) -> None:
-    """Write all files of a model in parts, the index last.
+    """Write all files of a model in parts, the index file last.
 
     wanted : largest number of points of a part; leveled : whether parts get levels of detail
     """

@@ -116,7 +116,7 @@ class Surface(NamedTuple):
 
 
 def ordering_of(positions: Floats) -> KdOrdering:
-    """Return the distinct ones of some finite positions that are in kd order, and the rows at each of them."""
+    """Return the kd ordering of finite positions that are in kd order already, equal ones merged."""
     rows, ids = distinct(positions)
     return KdOrdering(positions if len(rows) == len(positions) else take(positions, rows), ids, rows)
 
@@ -171,9 +171,9 @@ def place(cloud: Cloud, local: Local, sigma: str | float, ranges: NoiseRanges | 
 
 
 def survey_fits(cloud: Cloud, local: Local, statistics: CloudStatistics) -> None:
-    """Compute the statistics of the cloud that fits to points without normals need.
+    """Measure the noise of a cloud without normals, which decides how many neighbours its normals are fitted to.
 
-    local : rows of a sample; statistics : where the numbers are stored
+    local : rows of a sample; statistics : of the cloud, where the results are stored
     """
     ordering = ordering_of(cloud.points(local).positions)
     measure_noise(ordering.positions, of_distinct_positions(statistics, ordering.ids))
@@ -252,7 +252,7 @@ def _units_of(cloud: Cloud, local: Local, points: Points) -> Surface:
 def support(
     cloud: Cloud, local: Local, given: Floats | None, settings: TreeSettings, statistics: CloudStatistics
 ) -> Support:
-    """Return the support radii of points on their surface, with open borders and close sheets.
+    """Return the support radii of a part's points and its margin, with their open borders and close sheets.
 
     given : (n,) float32, their radii; None: chosen from the spacing; statistics : of the whole cloud
     """

@@ -175,9 +175,12 @@ class ThinSheets:
         return self._around(Field(), rows, 1.0), self._around(Field(), rows)
 
     def _ring(self, field: Field, ring: int, part: int) -> Rows:
-        """Mark the neighbours of a part's points near two sheets, whose winding numbers do not add up to 1.
+        """Find points of a part that are near two sheets, and mark their neighbours.
 
-        In ring 0 a sample of the points that may be near two sheets is examined, later those marked before.
+        Winding numbers in front of and behind such a point do not add up to 1.
+
+        ring : number of the pass. Pass 0 examines a sample of the points that may be near two sheets, the others those
+            that earlier passes have marked.
 
         Returns
         -------
@@ -199,9 +202,9 @@ class ThinSheets:
         return np.asarray(beside[~is_own])
 
     def _mark(self, ring: int, rows: Sequence[Rows]) -> None:
-        """Mark points that were found from other parts.
+        """Mark points that `_ring` found as neighbours of other parts' points near two sheets.
 
-        rows : of these points, from each part; ring : number of the pass
+        rows : their rows in the cloud, an array from each part; ring : number of the pass
         """
         beside = np.unique(np.concatenate(rows))
         for run in runs_of(beside) if len(beside) else []:
@@ -251,7 +254,11 @@ class ThinSheets:
         self._write_flags(UNSURE, part, rows[sheets.is_unsure(before, after)])
 
     def _turn_back(self, part: int) -> None:
-        """Write which flipped points of a part are flipped back: where winding numbers are no closer to 0 or 1."""
+        """Write which flipped points of a part are flipped back.
+
+        A point is flipped back if all flips have brought the winding numbers around it and its neighbours, in total, no
+        closer to 0 or 1.
+        """
         turned = np.flatnonzero(self._work.read(TURNS, part))
         local, mine, _, _, near = self._neighborhood(part, turned)
         self._write_flags(BACK, part, turned[local.read(self._work.columns[GAIN])[near[mine]].sum(axis=1) <= 0])
