@@ -259,8 +259,8 @@ class Baked:
         Returns
         -------
         (instances * 5,) int64
-            For each instance the addresses and lengths of its tables, see `records.BAKED`; valid while this array
-            exists.
+            For each instance (address of the light records of its front, of its back, number of records of a side,
+            address and length of the table that interpolates coarser light); valid while this array exists.
         (instances * 5,) float64
             For each instance the grid of a plane, and the unit of the stored irradiance, see `records.BAKED_FRAME`.
         """

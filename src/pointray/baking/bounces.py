@@ -33,12 +33,13 @@ RED_SUM, BLUE_SUM, SUMS = 9, 12, 15
 
 
 class Links(NamedTuple):
-    """Links of some patches: rays cast into a patch's hemisphere, and for each the source of light that it met.
+    """Links of m patches: `count` rays that each patch sent in one round, and the source of light that each ray met.
 
     links : (m * count,) int32, for each of a patch's rays the row of a table of sources (darkness, texels of the sky,
         patches); ~light, negative, for a light seen in a mirror or through glass
     tints : same shape, RGB9E5 colour of mirrors and glass on the way; empty in scenes without these
-    rows : (m,) int32, the patches; share : (m,) float32, `count` as a fraction of all links of a patch, found in rounds
+    rows : (m,) int32, indices of the patches; share : (m,) float32, these links as a fraction of a patch's links of all
+        rounds
     hidden : (m * bytes_of(count),) uint8, a bit for each link that an area light blocks; empty without area lights
     parts : (rows, columns) of the strata of the hemisphere, one for each link; seed : of the ray directions
     """
@@ -151,10 +152,11 @@ def reflect(
 
 @inline
 def _add_moments(light: Vec3, moments: Array, at: int, sums: Array) -> None:
-    """Add light from one direction to a patch's sums of light times products of direction components.
+    """Add light from one direction to the sums from which a patch's spherical harmonics are computed.
 
-    light : RGB; moments : nine such products from index `at`, see `cell_moments`
-    sums : (SUMS,), nine of luminance, then the first three of red and of blue
+    light : RGB
+    moments : from index `at` x, y, z, xx, xy, xz, yy, yz, zz of the direction, or, for uniform light, sums of these
+    sums : (SUMS,), luminance times each of these nine numbers, then red times x, y, z, and blue times x, y, z
     """
     gray = vec.luminance(light)
     for b in range(MOMENTS):
@@ -166,10 +168,10 @@ def _add_moments(light: Vec3, moments: Array, at: int, sums: Array) -> None:
 
 @inline
 def _write_moments(sums: Array, normal: Vec3, scaled: float, out: Array, at: int) -> None:
-    """Add the spherical harmonics (bands 1 and 2) of a patch's light, in world space, to its values at out[at:].
+    """Compute the spherical harmonics (bands 1 and 2, world space) of a patch's light, and add them to out[at:].
 
-    sums : (SUMS,), light times products of direction components in the frame of the normal, see `_add_moments`
-    scaled : factor
+    sums : (SUMS,), light times products of direction components in the frame of the normal, from `_add_moments`
+    scaled : factor for the harmonics
     """
     first, second = vec.tangents(normal)
     frame = first, second, normal
@@ -198,7 +200,7 @@ def add_facts(
     components: recomputing each direction took half of the time of all bounces.
 
     sources, lamps : flat, radiance of sky texels and patches, and of lights
-    moments : flat float64, see `directions.cell_moments`; out : (patches * FACTS,) float32
+    moments : flat float64, the tabulated products, from `directions.cell_moments`; out : (patches * FACTS,) float32
     """
     links, patches = borrow(links), borrow(patches)
     sources, lamps, moments, out = borrow(sources), borrow(lamps), borrow(moments), borrow(out)
@@ -250,8 +252,8 @@ def _is_blocked_by_lamp(world: World, patches: Patches, patch: int, d: Vec3, lin
 def hide_links(work: Array, world: World, links: Links, patches: Patches) -> None:
     """Mark in `links.hidden` the links (rays from patches to sources of light) that an area light blocks.
 
-    Area lights that are not seen in mirrors are ignored when links are found, so that these can be reused when lights
-    change.
+    When links are found, rays pass through area lights, except after a mirror or glass; links can then be reused when
+    lights change.
     """
     world, links, patches = borrow(world), borrow(links), borrow(patches)
     count = links.parts[0] * links.parts[1]

@@ -103,7 +103,7 @@ def read_light(path: str | os.PathLike[str], scene: Snapshot) -> StoredLight:
 def _check_scene(about: dict[str, Any], scene: Snapshot) -> Keys:
     """Compare a file of baked light with the given scene: return the hashes of the baked scene.
 
-    Raise ValueError if its geometry is another one; other lights and materials are allowed.
+    Raise ValueError if the geometry differs; other lights and materials are allowed.
 
     about : description at the beginning of the file
     """

@@ -127,7 +127,7 @@ def _patch_at(world: World, targets: Targets, hit: WorldHit, ray: tuple[Vec3, Ve
 
 @inline
 def _continue_ray(world: World, i: int, key: int, depth: int, scratch: Scratch) -> bool:
-    """Reflect or refract ray i, which hit a mirror or glass, and multiply its throughput; return whether any is left.
+    """Reflect or refract ray i, which hit a mirror or glass; return whether its new throughput is above 0.
 
     key : of the random numbers, which choose between reflection and refraction; depth : number of earlier such hits
     """

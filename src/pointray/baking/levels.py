@@ -101,7 +101,8 @@ def light_cost(trees: Sequence[Tree], patches: int) -> LightCost:
 def _bytes_at(shape: LightCost, level: int) -> int:
     """Return the bytes of the light records of one side of an instance, without tables that interpolate coarser light.
 
-    shape : its model; level : 0 for a record per splat, k for one per 4^(k - 1) patches
+    shape : numbers of records and patches of its model; level : 0 for a record per splat, k for one per 4^(k - 1)
+        patches
     """
     return 4 * RECORD * (shape.records if level == 0 else padded_count(len(knots_at(level, shape.patches))))
 
@@ -232,9 +233,9 @@ def _spread_over(
 
 
 def average_at_knots(spread: Spread, values: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Average light over groups of patches: return the mean over the patches of each knot, (count, k).
+    """Average light over groups of patches: return the mean over the patches of each knot, (knots, k).
 
-    Knots are the patches at which coarser light is stored. Their number is padded to a multiple of 4.
+    Knots are the patches at which coarser light is stored. Rows are padded to a multiple of 4.
 
     values : (patches, k)
     """

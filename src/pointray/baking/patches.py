@@ -75,8 +75,8 @@ def splats_of(tree: Tree) -> tuple[Floats, Floats, Floats]:
 def choose_patches(trees: Sequence[Tree], most: int) -> PatchSet:
     """Choose at most `most` splats of a model as patches, evenly spaced in the order of its tree (a kd order).
 
-    The density of patches is proportional to that of the splats. The offset varies along the order: the sides of a
-    thin wall alternate in it, and with a constant offset one side could get no patches.
+    One splat is taken from each of equally long runs, at a varying position: splats of the two sides of a thin wall
+    alternate in the order, and a constant position could leave one side without patches.
 
     trees : of the model, and of its levels of detail
     """
@@ -131,7 +131,7 @@ def blend_for(x: Floats, n: Floats, finder: NeighborTree, positions: Floats, nor
 def nearest_blend(
     x: Floats, n: Floats, blend: Blend, patches: tuple[Floats, Floats], count: int
 ) -> tuple[Rows, NDArray[np.uint8]]:
-    """Reduce an interpolation to the `count` most important patches of each block; they include that of each splat.
+    """Reduce an interpolation to the `count` patches of largest weight in each block, the main one of each splat first.
 
     x, n : positions and normals of the splats, (slots, 3); patches : positions and normals of the patches, (m, 3)
     blend : the interpolation, from AROUND patches for each block

@@ -55,7 +55,7 @@ def grid_positions(record: NDArray[np.float64], grid: Grid, fine: int = 1) -> ND
 
 
 def grid_colors(record: NDArray[np.float64], grid: Grid) -> NDArray[np.float64]:
-    """Return the mean colour of each cell of a plane's grid, averaged over the checker, (edge * edge, 3).
+    """Return the mean colour of a plane, or of its checker pattern, in each cell of its grid, (edge * edge, 3).
 
     record : the plane, as in `World.planes`
     """

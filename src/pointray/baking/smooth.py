@@ -52,7 +52,7 @@ def smooth(
     """Reduce noise: average the values of the patches of one side of an instance with those of their neighbours.
 
     places : positions, normals, mean inverse distances of the surfaces that patches see, and trust, (patches,) float32,
-        0 for patches without values
+        1, or 0 for patches without valid values, which are left out
     near : (count * each,) int32, neighbours within the side, padded with -1
     span : first patch of the side, number of patches, neighbours per patch, values per patch
     values, out : flat, of all patches; count_of : (patches,) float32, written, the effective number of patches averaged

@@ -140,7 +140,7 @@ def _plane_of(world: World, record: Floats) -> Floats:
 
 
 def _shaded(scene: Snapshot, surfaces: list[BakeSurface], albedo_scale: float) -> list[BakeSurface]:
-    """Compute the albedo and emission of patches from the materials of their instances.
+    """Return the same surfaces with albedo and emission of patches computed from the materials of their instances.
 
     surfaces : with the points' or the plane's own colours in `albedo`; albedo_scale : factor for the colours of points
     """
@@ -209,7 +209,10 @@ def coarser(surfaces: list[BakeSurface], most: int) -> list[BakeSurface]:
 
 
 def _selected(surface: BakeSurface, rows: NDArray[np.int64], patches: PatchSet | Grid) -> BakeSurface:
-    """Return a surface with some of its patches. rows : (m,) their indices; patches : their description"""
+    """Return a surface with only some of its patches.
+
+    rows : (m,) indices of the patches to keep; patches : description of these, the result's field `patches`
+    """
     arrays = [getattr(surface, name)[rows] for name in ("positions", "normals", "albedo", "emitted", "lost", "margins")]
     return BakeSurface(surface.instance, patches, *arrays)
 

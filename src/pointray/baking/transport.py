@@ -123,7 +123,7 @@ class Transport:
         return np.concatenate(parts).astype(dtype, copy=False)
 
     def shared_surfaces(self) -> list[BakeSurface]:
-        """Replace the arrays of all surfaces by views of this object's, to save memory, and return the surfaces.
+        """Replace the arrays of all surfaces by views of this object's arrays, to save memory; return the surfaces.
 
         All fronts must be lit.
         """

@@ -131,7 +131,8 @@ def tone_of(
 def _from_suns(suns: list[SunLight]) -> float:
     """Return the luminance of the irradiance from suns on a surface that is turned to receive as much as possible.
 
-    If only some of them follow the camera, their sum is returned, as the angles between them are unknown.
+    If some suns follow the camera and others do not, the angles between them are unknown, and the sum of the luminances
+    of all is returned.
     """
     if not suns:
         return 0.0
@@ -153,7 +154,7 @@ def _brightest_side(sky: EnvironmentLight) -> float:
 
 @cache
 def _brightest(curve: str) -> float:
-    """Return the linear value that a tone curve maps to WHITE, above which an image looks overexposed."""
+    """Return the linear input that a tone curve maps to WHITE; outputs above WHITE look overexposed."""
     low, high = 0.0, 100.0
     for _ in range(40):
         middle = 0.5 * (low + high)

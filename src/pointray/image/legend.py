@@ -134,8 +134,8 @@ def labels(values: NDArray[np.float64]) -> list[str]:
 class _Entry:
     """Line of a legend: a tick of the colour bar, or a category.
 
-    text : its label; y : distance from the top of the bar or swatches, pixels
-    color : RGB, 0 to 255, of a category's swatch; None for a tick, NO_FIELD without either
+    text : the label; y : distance from the top of the bar or swatches, pixels
+    color : RGB, 0 to 255, of a category's swatch; None for a tick; NO_FIELD, an empty tuple, for a line of text alone
     """
 
     text: str

@@ -39,7 +39,7 @@ def _to_8bit(work: Array, image: Array, backdrop: Array, gain: float, table: Arr
     """Composite an image over a backdrop and convert it to 8-bit sRGB, in blocks of rows.
 
     image : (h, w, 4) float32, linear, premultiplied; backdrop : (h, 3) float32, linear, one colour a row
-    gain : factor of the exposure; table : see `_table`; out : (h, w, 3) uint8
+    gain : factor of the exposure; table : 8-bit values of the tone curve, from `_table`; out : (h, w, 3) uint8
     """
     image, backdrop, table, out = borrow(image), borrow(backdrop), borrow(table), borrow(out)
     height, width = image.shape[:2]
@@ -59,9 +59,10 @@ def _to_8bit(work: Array, image: Array, backdrop: Array, gain: float, table: Arr
 def _before(curve: str, shown: Floats) -> Floats:
     """Return the linear values that a tone curve maps to `shown`, so that the curve leaves a backdrop unchanged.
 
-    Values are limited to BRIGHT: beyond, curves that only approach white would give jagged edges.
+    `shown` is limited to BRIGHT: curves that compress highlights reach white only from very large inputs, which would
+    make the edges of surfaces in front of the backdrop jagged.
 
-    shown : values after the curve, any shape
+    shown : values after the curve, any shape; not limited for "srgb"
     """
     if curve == "srgb":
         return shown.copy()

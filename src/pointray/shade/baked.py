@@ -59,7 +59,12 @@ def _spread(world: World, instance: int) -> Array:
 
 @inline
 def _normals(world: World, instance: int, four: Four, scratch: Scratch) -> FourPoints:
-    """Return unit normals of four of the tile's hits in model space, turned to the front: x, y, z, a quarter each."""
+    """Return the unit normals at four of the tile's hits, in model space, turned to the front.
+
+    They are the vectors x, y and z of 16 lanes, a quarter for each hit.
+
+    four : rays of the tile
+    """
     points, m = scratch.shading_points, of_size_one(matrix_at(world, instance * rec.INSTANCE))
     side = points[sc.SHADING_SIDE + four[0]]
     a, b = load3(points, sc.SHADING_NORMAL + four[0]), load3(points, sc.SHADING_NORMAL + four[1])

@@ -55,9 +55,12 @@ def steps_of(x: float, reach: float, levels: int) -> int:
 
 @inline
 def _excess(moment: float, of: float, share: float) -> float:
-    """Return a spherical harmonic of light relative to the irradiance `of` of its channel, minus `share`.
+    """Return a number to encode: a harmonic of one channel of light over the channel's irradiance, minus `share`.
 
-    Return 0 without irradiance.
+    It is 0 without irradiance.
+
+    moment : the spherical harmonic; of : irradiance of the channel
+    share : the same quotient of luminance, for red and blue, which are encoded relative to it; 0 for luminance
     """
     return moment / of - share if of > 0.0 else 0.0
 
@@ -102,7 +105,8 @@ def unpack_moments(light: F16, first: I16, second: I16) -> tuple[F16, F16, F16, 
     Values are relative to the largest encoded one. Each vector holds a quarter (four records) for each harmonic: the
     first holds 0 to 3 of luminance, then come 4 to 7, three of red and three of blue.
 
-    light : irradiance of the records, RGB a quarter each; first, second : their words
+    light : irradiance of the records, RGB a quarter each
+    first, second : the records' two words of encoded harmonics, as from `pack_moments`, repeated in all quarters
     """
     weights = quarters(f32(LUMINANCE[0]), f32(LUMINANCE[1]), f32(LUMINANCE[2]), f32(0.0))
     gray = sum_over_quarters(light * weights)

@@ -27,9 +27,10 @@ SUM_MOMENTS, SUM_LIGHT, SUM_DIRECT, SUM_WEIGHTS = 0, 4 * sc.LANES, 5 * sc.LANES,
 
 @inline
 def list_record(four: int, r: int, k: int, share: float, scratch: Scratch) -> None:
-    """Add `share` to the weight of a light record at one of four surface points whose baked light is blended together.
+    """Add `share` to the weight of a light record at one of the four surface points that are looked up at once.
 
-    Records are listed in groups of four: a group is appended to `Scratch.near` if it is missing there.
+    `Scratch.near` lists the needed records in groups of four consecutive ones; the record's group is appended if it is
+    not yet listed.
 
     four, k : index of the group, and of the record in it, 0 to 3; r : index of the point, 0 to 3
     """
@@ -97,7 +98,7 @@ def _store(to: int, sums: Sums, scratch: Scratch) -> None:
 
 @inline
 def sum_light(records: Array, column: int, to: int, scratch: Scratch) -> None:
-    """Sum the irradiance of the listed light records, times their weights at each of four surface points.
+    """Sum the irradiance of the light records listed in `Scratch.near`, weighted for each of four surface points.
 
     records : flat int32; column : INDIRECT or DIRECT
     to : index in `Scratch.part` at which the sums are stored: red at the four points, green, blue
@@ -113,9 +114,11 @@ def sum_light(records: Array, column: int, to: int, scratch: Scratch) -> None:
 
 @inline
 def sum_moments(records: Array, scratch: Scratch) -> None:
-    """Sum the indirect irradiance and its spherical harmonics over the listed light records, weighted for four points.
+    """Sum the indirect irradiance and its spherical harmonics over light records, weighted for four surface points.
 
-    The sums are stored in `Scratch.part`, from SUM_LIGHT and SUM_MOMENTS. records : flat int32
+    `Scratch.near` lists the records. The sums are stored in `Scratch.part`, from SUM_LIGHT and SUM_MOMENTS.
+
+    records : flat int32
     """
     zero = broadcast16(ZERO)
     sums = a = b = c = d = (zero, zero, zero, zero)

@@ -94,7 +94,7 @@ def meets_lamp(world: World, ray: tuple[Vec3, Vec3], end: float) -> bool:
 
 @inline
 def _is_within(boxes: Array, offset: int, d: Vec3) -> bool:
-    """Return whether a unit direction, as a point, is inside a box; boxes of directions sort the suns of a scene.
+    """Return whether a unit direction, as a point of the unit sphere, is inside a box of the tree over the suns' disks.
 
     boxes, offset : six numbers from `offset`: lo x y z, hi x y z
     """

@@ -42,7 +42,10 @@ def band_2(outer: Six) -> Five:
 
 @inline
 def as_vector(first: Vec3) -> Vec3:
-    """Return the vector v for which BAND_1 v.d is the function with coefficients `first` of band 1, at unit d."""
+    """Return the vector v by which a function of band 1 is evaluated at unit directions d: BAND_1 v.d.
+
+    first : coefficients of the function, in the order of `band_1`
+    """
     return first[2], first[0], first[1]
 
 
