@@ -28,7 +28,8 @@ def closest_hits_paged(
     scene : Snapshot
         The scene in which the hits were found.
     found : dict of str to array
-        "t", "position", "normal", "color", "point", "instance", "leaf" and "local" of the n rays, see `closest_hits`.
+        The fields of `Hits` for the n rays ("t", "position", "normal", "color", "point"; "instance" is a row), and to
+        blend attributes the "leaf" of the hit and its "local" position, in model space.
     """
     now, parts = _begin(scene, rays)
     while True:
