@@ -32,8 +32,8 @@ _STEPS = 64
 def _quantiles() -> Array:
     """Tabulate the Blackman-Harris window for importance sampling: 65 distances from its centre, in pixels.
 
-    Beyond distance k lies a fraction w^2 of one half of the window, w = k / 64. The square resolves the flat ends of
-    the window; the error of interpolation is 3e-5.
+    Beyond the k-th distance lies a fraction w^2 of one half of the window, w = k / 64. The square resolves the flat
+    ends of the window; the error of interpolation is 3e-5.
     """
     x = np.linspace(0.0, 1.0, 4097)  # from the end to the centre
     share = x + sum((-1) ** k * WINDOW[k] / WINDOW[0] * np.sin(k * np.pi * x) / (k * np.pi) for k in (1, 2, 3))
