@@ -78,7 +78,7 @@ def find_main(positions: Floats) -> tuple[Flags, Flags]:
 def largest_cluster(positions: Floats) -> NDArray[np.int64]:
     """Return the rows of the largest cluster of positions, (n, 3).
 
-    While it is at least 8 times smaller than the points in which it was found, the largest cluster inside it is taken.
+    If it is at most 1/8 as wide as all points and has enough of them, the search is repeated inside it, and so on.
     """
     rows = np.arange(len(positions))
     size = float(np.ptp(positions, axis=0).max())
@@ -132,7 +132,9 @@ def _hash(rows: NDArray[np.uint64]) -> NDArray[np.uint64]:
 
 
 def _gaps(positions: Floats, group: NDArray[np.int64], low: Floats, high: Floats) -> Floats:
-    """Return the distance (largest along an axis) of each group of points from a box, (groups,); at most 0 inside.
+    """Return the distance of the nearest point of each group from a box, (groups,); at most 0 if one is inside.
+
+    The distance of a point is the largest along an axis.
 
     positions : (n, 3); group : (n,), group number of each; low, high : (3,), corners of the box
     """

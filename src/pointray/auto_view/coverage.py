@@ -18,7 +18,7 @@ CELLS = 160  # largest number of cells across the image; fewer for few points, w
 
 
 def coverage(positions: Floats, camera: Camera) -> float:
-    """Return the share of an image that points cover: of its grid cells that contain points in front of the camera.
+    """Return the share of an image that points cover: the share of cells of a grid that contain visible points.
 
     Only the fullest cells, with 75% of the points, count, so isolated points do not raise the coverage.
 

@@ -126,12 +126,12 @@ def ground(shape: Shape) -> tuple[Scores, Scores]:
 
 
 class Layers(NamedTuple):
-    """Numbers of planes, fitted to neighbourhoods of a scan's points, in a grid of layers along an axis.
+    """Counts of local planes, fitted to neighbourhoods of a scan's points, in a 3D grid of layers along an axis.
 
     Attributes
     ----------
     planes, level : (layers, COLUMNS, COLUMNS) int64
-        All planes, and those perpendicular to the axis, in each cell of each layer; the last two indices run across it.
+        Count of all planes, and of those perpendicular to the axis, in each cell. The first index is the layer.
     """
 
     planes: NDArray[np.int64]

@@ -65,8 +65,8 @@ def dask_for(what: str) -> Any:
 def unfit(client: Any, workers: list[str]) -> dict[str, str]:
     """Return the reason for each worker, by address, that cannot be used: pointray has another version or is missing.
 
-    Each worker is asked once, as a stopped one would not answer. A worker lost meanwhile is not in the result, and
-    `is_fit` returns False for it.
+    A worker with the same version is not asked again, as a stopped one would not answer. A worker lost while it is
+    asked is not in the result, and `is_fit` returns False for it.
 
     workers : addresses
     """

@@ -129,6 +129,7 @@ def _make_shared(*chunks: Any, work: tuple[Any, ...], shared: Distribution, scen
     The tasks are submitted here, as Dask's optimization of arrays drops the assignment to workers from a graph.
 
     chunks : of the arrays of rays; work : function and first arguments, see `chunked_like`
+    shared : which parts each worker holds, and the function that merges their results
     """
     function, *args = work
     if worker_here() is None:

@@ -125,9 +125,9 @@ def _occlude_held(scene: Snapshot, rows: Rows, rays: RayArguments, threads: int 
 
 
 def _nearest(found: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return for each ray the nearest of the hits that several workers have found, each with its own instances.
+    """Return the nearest hit of each ray among those of several workers, which hold different instances.
 
-    found : the arrays of each worker by name, as from `_intersect_held`
+    found : for each worker the arrays of its hits by name, as from `_intersect_held`; the result has the same names
     """
     best = dict(found[0])
     for other in found[1:]:

@@ -63,7 +63,7 @@ class ScatteredObjects:
         return scattered
 
     def of_model(self, model: Model) -> ScatteredObject | Place:
-        """Return what to send for a model: the place of its file, or the model if it has none or a worker lacks it."""
+        """Return what to send for a model: the place (path, size, time) of its file if workers see it, or the model."""
         place = model.place
         if place is not None and place not in self.unseen:
             return place

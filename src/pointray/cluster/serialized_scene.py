@@ -72,9 +72,9 @@ class SerializedScene:
         return [self._as_sent(*pair) for pair in zip(self._sent, self._models, strict=True)]
 
     def _as_sent(self, sent: ScatteredObject | Place, model: Model) -> Model | Place | ScatteredModel:
-        """Return what to pickle for a model for workers of the client to which it was sent.
+        """Return what to pickle for a model: its file's place, the name of the copy that workers have, or the model.
 
-        sent : its file, or the object on the workers; if that is lost, the model itself is returned
+        sent : the file that workers see, or the object that was sent to them; if it is lost, the model is returned
         """
         if isinstance(sent, Place):
             return model.place or model

@@ -80,9 +80,9 @@ class TaskPool:
 
 
 def do_task(scene: None, number: int, todo: bytes, threads: int | None, check: Progress | None) -> bytes:
-    """Call a function with a number on a worker and return its pickled result; `Job.work` of all tasks.
+    """Call a function with a number on a worker and return its pickled result: the function that each job runs.
 
-    todo : the function, pickled; threads : limit of the threads of kernels
+    scene : not used; todo : the function to call, pickled; threads : limit of the threads of kernels
     check : raises DroppedError if the result is no longer needed; None: not called
     """
     do = unpack(todo)

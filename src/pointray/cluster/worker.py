@@ -201,7 +201,7 @@ def _get_or_make(cache: OrderedDict[K, T], key: K, most: int, make: Callable[[],
 
 
 def _aligned(model: Model) -> Model:
-    """Align the arrays of a model from a message in memory, as kernels require, and return the model."""
+    """Align the arrays of a model, which was received in a message, as kernels require; return the model."""
     for one in (model, *model.levels, *model.parts):
         if one.source is None:
             one.align_tree()

@@ -65,7 +65,7 @@ def _middles(corner: Corner, size: Size, wide: Array) -> None:
 def _move(sample: int, shape: int, scratch: Scratch) -> None:
     """Move the image positions of the tile's samples, in scratch memory, from the pixel centres to random places.
 
-    sample : index of the sample; shape : number of the pixel filter, as which the places are distributed
+    sample : index of the sample; shape : number of the pixel filter, which is the distribution of the places
     """
     for i in range(sc.TILE):
         right, down = position_in_pixel(int(scratch.shading_points[sc.KEY + i]), sample, shape)
@@ -138,9 +138,9 @@ def set_pixel_rays(
 def begin_sums(corner: Corner, first: int, film: Array, scratch: Scratch) -> None:
     """Load the sums of a tile's pixels over their first samples from the film into scratch memory, to add more samples.
 
-    Sums that the film does not keep start at 0.
+    Without samples in the film all sums start at 0; those beyond its k sums always do.
 
-    corner : column and row of the tile's first pixel; first : number of samples in the film, (h, w, k) float32
+    corner : column and row of the tile's first pixel; first : number of samples so far; film : (h, w, k) float32
     """
     sums = scratch.sums
     sums[:] = 0.0

@@ -64,7 +64,7 @@ class Pass(NamedTuple):
     max_depth : maximum number of bounces, or of successive mirrors and glass surfaces
     sky_shows : whether camera rays that hit nothing see the sky
     sky_rays, ao_distance : rays a sample for sky visibility; length of these rays and of ambient occlusion
-    seed, spp, filter : of the samples; spp is the final number a pixel; filter is a number in `choices.FILTERS`
+    seed : of the random numbers; spp : samples a pixel after the last pass; filter : number in `choices.FILTERS`
     draws : whether samples draw random numbers
     first, end : range of sample indices
     window : pixels (left, top, right, bottom) outside of which rays hit nothing

@@ -32,8 +32,8 @@ _STEPS = 64
 def _quantiles() -> Array:
     """Tabulate the Blackman-Harris window for importance sampling: 65 distances from its centre, in pixels.
 
-    Beyond distance k lies a fraction w^2 of one half of the window, w = k / 64. The square resolves the flat ends of
-    the window; the error of interpolation is 3e-5.
+    Beyond the k-th distance lies a fraction w^2 of one half of the window, w = k / 64. The square resolves the flat
+    ends of the window; the error of interpolation is 3e-5.
     """
     x = np.linspace(0.0, 1.0, 4097)  # from the end to the centre
     share = x + sum((-1) ** k * WINDOW[k] / WINDOW[0] * np.sin(k * np.pi * x) / (k * np.pi) for k in (1, 2, 3))
@@ -45,7 +45,7 @@ _QUANTILES = _quantiles()
 
 @inline
 def _tent(u: float) -> float:
-    """Return a sample position of the tent filter, -1 to 1 pixels from the pixel centre: its quantile u."""
+    """Return the quantile u (0 to 1) of the tent filter: a position along one axis, -1 to 1 pixels from the centre."""
     return math.sqrt(2.0 * u) - 1.0 if u < 0.5 else 1.0 - math.sqrt(2.0 - 2.0 * u)
 
 
@@ -61,7 +61,7 @@ def _gaussian(u: float, v: float) -> tuple[float, float]:
 
 @inline
 def _blackman_harris(u: float) -> float:
-    """Return a sample position of the Blackman-Harris filter, within 1.5 pixels of the pixel centre: its quantile u."""
+    """Return the quantile u (0 to 1) of the Blackman-Harris filter: a position, -1.5 to 1.5 pixels from the centre."""
     w = _STEPS * math.sqrt(2.0 * min(u, 1.0 - u))
     k = min(int(w), _STEPS - 1)
     away = _QUANTILES[k] + (w - k) * (_QUANTILES[k + 1] - _QUANTILES[k])
@@ -72,7 +72,8 @@ def _blackman_harris(u: float) -> float:
 def position_in_pixel(key: int, sample: int, shape: int) -> tuple[float, float]:
     """Return a random position for a sample, in pixels right and down from the pixel centre, distributed as the filter.
 
-    key : of the pixel's random numbers; sample : index of the sample; shape : number of the filter
+    key : number of the pixel, from which random numbers are computed; sample : index of the sample
+    shape : number of the filter
     """
     u, v = sample_pair(key, sample, IN_PIXEL)
     if shape == TENT:
@@ -96,7 +97,7 @@ def project(camera: Array, projection: int, u: float, v: float) -> tuple[Vec3, V
 
     The component of d along the view is 1; for a panorama d is a unit vector.
 
-    camera : (16,), eye, axes, projection and lens; projection : its number
+    camera : (16,), eye, axes, projection and lens; projection : number of the projection
     u, v : -1 to 1 from left to right and from bottom to top
     """
     eye, forward = load3_flat(camera, rec.EYE), load3_flat(camera, rec.FORWARD)

@@ -49,8 +49,8 @@ def at_distance(
 ) -> tuple[World, NDArray[np.int64]]:
     """Return a scene's world with a level of detail for each instance, and these levels.
 
-    The coarsest level is taken whose splats are small enough for the size of a pixel there. Instances coloured by
-    classes of an attribute keep their finest model, unless they are parts on disk.
+    An instance gets the coarsest level whose splats are small enough for the size of a pixel at its nearest point.
+    Instances coloured by classes of an attribute keep the model with all points, unless they are parts on disk.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ class Fitting:
 def _open_levels(fetch: Fetch, fitting: Fitting, wanted: NDArray[np.int64], spp: int | None) -> NDArray[np.int64]:
     """Return open levels close to the wanted ones, and request the wanted ones, visible and near ones first.
 
-    Levels for a single sample are requested first, so that they are open for the first image and its refinement.
+    Levels that suffice for one sample a pixel are requested before, so that the first image can show them.
 
     wanted : (n,), the best level of detail of each instance; spp : samples a pixel, None without levels
     """
@@ -183,7 +183,7 @@ def _nearest_open(fetch: Fetch, family: tuple[Model, ...], level: int) -> int:
 
 
 def is_far(model: Model, camera: Camera, spp: int) -> bool:
-    """Return whether a model without levels of detail is so far from the camera that an image would use one.
+    """Return whether a camera is so far from a model without levels of detail that the first one would be used.
 
     The model is taken as untransformed. spp : samples a pixel
     """

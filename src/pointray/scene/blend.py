@@ -31,7 +31,7 @@ class HitAttribute(NamedTuple):
 def hit_attribute(scene: Snapshot, name: str) -> HitAttribute:
     """Return an attribute prepared for its evaluation at hits, with its dtype and the values of each model.
 
-    ValueError if no model has it, or the numbers of columns differ.
+    ValueError if no model has it, or models differ in its number of columns.
     """
     having = {k: model for k, model in enumerate(scene.models) if name in model.points.attributes}
     if not having:
@@ -54,7 +54,7 @@ def blend(
 
     Misses and models without the attribute have NaN (floats), 0 (integers) or False.
 
-    form : the attribute, from `hit_attribute`; found : arrays of `closest_hits`, by name
+    form : the attribute, from `hit_attribute`; found : arrays that describe the n hits, by name, from `closest_hits`
     shape : leading shape of the rays; pace : number of threads, progress callback
     """
     dtype = form.dtype

@@ -195,7 +195,7 @@ class Instances:
         return twin
 
     def detach(self) -> None:
-        """Copy the arrays before a change, as snapshots share them."""
+        """Replace the arrays of this table by copies, to be changed while snapshots keep the old ones."""
         self._records, self._boxes, self._numbers = self._records.copy(), self._boxes.copy(), self._numbers.copy()
 
     def copy(self) -> Instances:

@@ -28,7 +28,8 @@ def closest_hits_paged(
     scene : Snapshot
         The scene in which the hits were found.
     found : dict of str to array
-        "t", "position", "normal", "color", "point", "instance", "leaf" and "local" of the n rays, see `closest_hits`.
+        For the n rays "t", "position", "normal", "color" and "point" as in `Hits`, "instance" (its row), and what is
+        needed to blend attributes: "leaf", and "local", the position in model space.
     """
     now, parts = _begin(scene, rays)
     while True:

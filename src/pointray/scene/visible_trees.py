@@ -44,7 +44,7 @@ def world_showing(
     Parameters
     ----------
     records : (n, INSTANCE) float64
-        The records of its instances, which refer to indices of `models`.
+        The instances of the returned world. Their records refer to models by indices of `models`.
     used : collection of int
         Indices of the models on disk to open; rays miss other models on disk.
     painting : (Paints, sequence of (Attribute, Model or None))

@@ -45,7 +45,8 @@ class BakedLight(Protocol):
     def tables(self, scene: Snapshot, levels: NDArray[np.int64]) -> tuple[NDArray[Any], NDArray[Any]]:
         """Return the tables in which kernels look up baked light: `World.baked` and `World.baked_frames`.
 
-        They hold the addresses of the irradiance of each instance, and the grids of planes and units of irradiance.
+        For each instance they hold the addresses of its irradiance and the irradiance, in W/m2, of a stored 1.0; for a
+        plane also the grid of cells that have one value each.
 
         scene : the snapshot to render
         levels : (instances,), the level of detail that each instance shows; 0 is the model with all points

@@ -29,7 +29,9 @@ def _answer(
     """Intersect rays that another process has sent, tile by tile.
 
     work : counter from which threads take batches of tiles
-    tiles : index of each ray in its tile, with a mark at the first ray, uint8; begin of each tile, and the end
+    rays : origins (n * 3,), directions (n * 3,), largest t (n,) and sides (n,) of the rays
+    tiles : (n,) uint8, index of each ray in its tile, with a mark at the first ray; (m + 1,) int64, the first ray of
+        each of m tiles, then n
     any_hit : whether to test for occlusion only
     out : instances (n,) int32, -1 for a miss; facts (n * 8,) float64: t, normal, color, and the offset of secondary
         rays from the surface
@@ -77,7 +79,7 @@ def answer(world: World, rays: Array, slots: Array, any_hit: bool, pace: Pace = 
     Parameters
     ----------
     rays : (n, 8) float64
-        Origin, unit direction, end, side (+1 if a ray that starts on a surface is outside of it, -1 if inside).
+        Origin, unit direction, largest t, side (+1 if a ray that starts on a surface is outside of it, -1 if inside).
     slots : (n,) uint8
         Index of each ray in its tile, 0 to 63, plus `BEGINS` at the first ray of a tile. Rays keep the tiles of the
         image, whose rays are coherent.

@@ -91,7 +91,8 @@ def add_by_waves(
 ) -> None:
     """Add samples to the whole image, with rays sent to the workers that hold the models.
 
-    executor : workers of the same scene; scene : with the camera's lights placed, and no parts on disk opened
+    executor : workers of the same scene
+    scene : with the lights that follow the camera fixed in the world, and no parts on disk opened
     view : for the selection of levels of detail; picture : arguments of the rendering kernel, with the image
     samples : range of sample indices
     """
@@ -182,7 +183,7 @@ class RayExchange:
 
 
 class _Piece:
-    """Samples of a piece of an image, pass by pass; each pass ends where sums may be rounded."""
+    """Computation of the samples of a piece of an image, pass by pass; a pass is a range of sample indices."""
 
     def __init__(self, picture: KernelArguments, piece: Piece, samples: tuple[int, int]) -> None:
         self._passes = (Waves(picture, piece, some) for some in passes_of(samples))

@@ -72,8 +72,8 @@ class ReplayTable(NamedTuple):
     kinds : (units,) uint8
         1: occlusion; 0: closest hit.
     rays : (units * TILE * RAY,) float64
-        Rays of the current queries: origin, direction, end, side (+1 if a ray that starts on a surface is outside of
-        it, -1 if inside).
+        Rays of the current queries: origin, direction, largest t, side (+1 if a ray that starts on a surface is outside
+        of it, -1 if inside).
     """
 
     first_block: int
@@ -121,7 +121,7 @@ def _unit_of(recall: ReplayTable, stack: Array) -> int:
 
 @inline
 def _is_open(scratch: Scratch, i: int) -> bool:
-    """Return whether ray i of the tile may hit models: planes have left a part of it."""
+    """Return whether ray i of the tile may hit models: some of it lies before the nearest hit with a plane."""
     return scratch.world[sc.T_MIN + i] <= scratch.world[sc.NEAREST + i]
 
 

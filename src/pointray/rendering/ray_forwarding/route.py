@@ -14,9 +14,9 @@ PAD = 1e-5  # padding of boxes relative to the size of their union, more than in
 
 @kernel
 def _route(work: Array, rays: Array, boxes: Array, owners: Array, out: Array) -> None:
-    """Set out[ray, owner] = 1 where a ray enters a box of an owner before its end.
+    """Set out[ray, owner] = 1 where a ray enters a box of an owner (a worker) before its largest t.
 
-    work : counter from which threads take rays; rays : (n, 8) float64: origin, direction, end, side
+    work : counter from which threads take rays; rays : (n, 8) float64: origin, direction, largest t, side (not used)
     boxes : (m, 6) float64, min x y z, max x y z; owners : (m,) int64, owner of each box
     """
     rays, boxes, owners, out = borrow(rays), borrow(boxes), borrow(owners), borrow(out)
@@ -52,11 +52,11 @@ def route(
     Parameters
     ----------
     rays : (n, 8) float64
-        Origin, direction, end, side (not used).
+        Origin, direction, largest t, side (not used).
     boxes : (m, 6) float64
         Minimum x y z, maximum x y z, world.
     owners : (m,) int64
-        Owner of each box, less than `count`.
+        Owner of each box (index of a worker), less than `count`.
     """
     out = np.zeros((len(rays), count), np.uint8)
     if len(boxes) and len(rays):

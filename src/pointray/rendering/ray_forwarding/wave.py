@@ -25,7 +25,8 @@ TILES = BLOCK_EDGE * BLOCK_EDGE // TILE  # tiles a block
 class Question(NamedTuple):
     """Query: rays of a piece of an image, sent to a worker for intersection.
 
-    rays : (n, 8) float64, origin, unit direction, end, side (+1 if a ray that starts on a surface is outside, else -1)
+    rays : (n, 8) float64, origin, unit direction, largest t, side (+1 if a ray that starts on a surface is outside of
+        it, else -1)
     slots : (n,) uint8, index of each ray in its tile, plus `BEGINS` at the first ray of a tile
     closest : number of closest-hit rays, which come first; the others are occlusion rays
     """
