@@ -227,7 +227,7 @@ class PictureOptions:
 
     @property
     def shown(self) -> str:
-        """Name of the integrator: the one given, else "baked" with --bake or where `is_quick`, else "phong"."""
+        """Name of the integrator: the one given, else "baked" with --bake or by default (studio), else "phong"."""
         return self.integrator or ("baked" if self.is_quick or self.bake is not None else "phong")
 
     def of(self, part: str) -> dict[str, Any]:
