@@ -171,7 +171,7 @@ class FileLoader:
 
         A scan's points have no normals if these are unwanted or deviate too much from the surface of this sample.
 
-        number : index in `_groups`, for error messages
+        number : index of the group of files that it comes from, for error messages
         """
         points = _points(cloud)
         if isinstance(cloud, Model) and cloud.parts:  # reading all points would take long
