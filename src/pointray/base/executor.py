@@ -128,9 +128,9 @@ class Backend(Protocol):
         """
 
     def tasks_beside(self, client: Client, file: Path) -> TaskExecutor:
-        """Return an executor of tasks on a client's workers.
+        """Return an executor that calls functions on a client's workers, which share a file and its folder.
 
-        Raise ValueError if a worker cannot read the file or write to its folder.
+        Raise ValueError if a worker cannot read `file` or write to its folder.
         """
 
     def machines_of(self, client: Client) -> list[tuple[int | None, int]]:

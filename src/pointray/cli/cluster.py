@@ -34,9 +34,9 @@ def working_on(cluster: str | None, workers: int | None, spread: bool = False) -
 
 
 def wait_for_kernels(client: Any, settings: Any = None) -> None:
-    """Wait until a kernel is compiled if --workers started processes here, so that they load it from the cache on disk.
+    """Wait until a kernel is compiled in the background, so that workers load it from the cache on disk.
 
-    Do not wait with --spread.
+    Do so only with --workers, whose processes share that cache, and not with --spread.
 
     settings : of the images that the kernel renders; None: the kernel traces the rays of a bake
     """

@@ -63,7 +63,7 @@ class Clock:
         return time.perf_counter() - compile_seconds()
 
     def __call__(self, stage: str, share: float) -> None:
-        """Add the time since the last call to the stage named there, and begin or continue the stage `stage`.
+        """Add the time since the last call to the stage that the last call named; begin or continue `stage`.
 
         share : completed fraction of the stage, passed on
         """

@@ -106,7 +106,9 @@ def crs_name(crs: str) -> str:
 
 
 def describe_attributes(points: Points) -> dict[str, dict[str, Any]]:
-    """Return dtype and exact minimum and maximum ("low", "high") of each attribute, lists if the attribute has columns.
+    """Return dtype and exact minimum and maximum ("low", "high") of each attribute by name.
+
+    Minimum and maximum are lists for an attribute with several numbers per point.
 
     NaN and infinite values are ignored; "not_finite" counts them. Attributes of LAS classes have "counts" by class.
     """

@@ -78,7 +78,9 @@ class Shown(NamedTuple):
 
 
 def write_picture(output: Path, job: tuple[Any, Any, Any], shown: Shown, progress: Progress, client: Any = None) -> str:
-    """Render an image, or its layers (.exr, .npz), and write it; return the end of the message about the file.
+    """Render an image, or its layers (.exr, .npz), and write it.
+
+    Return a text for the end of the command's message about the file, such as ", exposure 1.5" or "".
 
     job : scene, camera and settings; shown : how to convert the image to pixels
     client : Dask client whose workers render; None: this process

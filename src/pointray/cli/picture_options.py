@@ -227,11 +227,11 @@ class PictureOptions:
 
     @property
     def shown(self) -> str:
-        """Name of the integrator: the one given, else "baked" with --bake or where `is_quick`, else "phong"."""
+        """Name of the integrator: the one given, else "baked" with --bake or by default (studio), else "phong"."""
         return self.integrator or ("baked" if self.is_quick or self.bake is not None else "phong")
 
     def of(self, part: str) -> dict[str, Any]:
-        """Return the values of options by name: those of a part such as "camera", "surface" or "workers"."""
+        """Return by name the values of the options that belong to `part`, such as "camera", "surface" or "workers"."""
         return {name: getattr(self, name) for name in names_of(part)}
 
     def parsed(self, given: Mapping[str, Any]) -> dict[str, Any]:
@@ -243,5 +243,5 @@ class PictureOptions:
 
 
 def names_of(*parts: str) -> tuple[str, ...]:
-    """Return the names of the options that belong to one of some parts, such as "camera", "surface" or "workers"."""
+    """Return the names of the options that belong to one of `parts`, such as "camera", "surface" or "workers"."""
     return tuple(name for name, declared in declarations(PictureOptions).items() if declared.part in parts)

@@ -23,7 +23,11 @@ def line_of(text: str, key: Key) -> int:
     lines, parsed = text.split("\n"), 0
 
     def depth(end: int) -> int:
-        """Return how many leading parts of the key are defined by statements that begin in the first `end` lines."""
+        """Return how many leading names of the key are defined by statements that begin in the first `end` lines.
+
+        For ("instances", 0, "model") it is 2 where these lines begin the first table of `instances`, but not its
+        "model".
+        """
         nonlocal parsed
         for stop in range(end, len(lines) + 1):
             start = "\n".join(lines[:stop])
@@ -42,7 +46,10 @@ def line_of(text: str, key: Key) -> int:
 
 
 def _depth(data: Any, key: Key) -> int:
-    """Return how many leading parts of the key exist in the nested dicts and lists `data`."""
+    """Return how many leading names and row numbers of a key lead to an existing value in nested dicts and lists.
+
+    data : contents of a TOML text; key : such as ("instances", 0, "model"): 2 if only "model" is missing
+    """
     for depth, part in enumerate(key):
         try:
             data = data[part]

@@ -165,8 +165,10 @@ class Plan:
     def change(self, camera: dict[str, Any], settings: dict[str, Any], root: dict[str, Any]) -> None:
         """Replace values of the file by those of command-line options; raise ValueError if a new one is invalid.
 
+        Each dict has only the values to replace, by name.
+
         camera : arguments of `Camera.look_at` or `Camera.frame`; settings : fields of `Settings`
-        root : "background" and "exposure"; missing ones stay as they are, as in the other dicts
+        root : "background" and "exposure"
         """
         self.settings = replace(self.settings, **settings)
         self.camera = {**self.camera, **camera}

@@ -54,7 +54,9 @@ def check_material(source: Source, key: Key) -> Material:
 
 
 def check_lights(source: Source, keys: list[Key]) -> list[CheckedLight]:
-    """Check the tables of `lights` in a scene file and return their contents. An image must exist, but is not read.
+    """Check the tables of `lights` in a scene file and return their contents.
+
+    The image of an environment light must exist, but is not read.
 
     keys : paths of the tables in the file, such as ("lights", 0)
     """

@@ -121,9 +121,9 @@ class Baker:
             self._wanted = self._baked = self._light = self._rough = self._fine = None
 
     def _finish(self, done: tuple[Scene, bool]) -> None:
-        """Have the image drawn again if the fine bake has ended without new light.
+        """Have the image drawn again if a bake has ended without fine light, though fine light was requested.
 
-        While fine light was expected, images had few samples.
+        While fine light was expected, images were refined with few samples only.
 
         done : the finished request: a scene, and whether fine light was requested
         """
@@ -177,9 +177,9 @@ class Baker:
         return light
 
     def _publish(self, scene: Scene | None, light: Baked | None, rough: bool = True) -> None:
-        """Set the light that images of a scene use, and have the image drawn again.
+        """Set the light that images of a scene use, and have the image drawn again. Neither may be None.
 
-        rough : whether it is the first, rough solution; False for the fine one
+        rough : whether `light` is the first, rough solution; False for the fine one
         """
         assert scene is not None and light is not None
         with self._changed:

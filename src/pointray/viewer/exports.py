@@ -168,9 +168,11 @@ class Exports:
         self._publish(path)
 
     def _light(self, scene: Scene, shown: Scene, settings: Settings) -> None:
-        """Attach baked light to a scene if the settings need it: the shown scene's, that of the viewer, or new light.
+        """Set the baked light of a scene to be rendered if the settings need it.
 
-        scene : with the panel's settings applied, to be rendered; shown : without them
+        It is the light of `shown` if that fits, else the one baked for the browser's images, else it is baked now.
+
+        scene : with the panel's settings applied; shown : the same scene without them
         """
         if settings.integrator != "baked":
             return

@@ -85,7 +85,8 @@ class LightControl:
 def new_light_control(kind: str, scene: Scene, up: Vector) -> LightControl:
     """Return the control of a new light with default values, which the user has added in the panel.
 
-    kind : "sun", "point" or "sky"; scene : a point light is placed by its bounds; up : its up direction
+    kind : "sun", "point" or "sky"
+    scene : a point light is placed by the bounds of this scene; up : up direction of the scene
     """
     if kind != POINT:
         return LightControl(kind, strength=DEFAULT_STRENGTH if kind == SUN else 1.0)

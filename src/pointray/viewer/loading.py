@@ -138,7 +138,9 @@ class FileLoader:
         return shared.settings if self.light is not None else with_direct_light(shared.settings)
 
     def _prepare(self, clouds: Sequence[Points | Model], samples: Sequence[Points], shared: SharedScene) -> None:
-        """Announce the kernels that will be needed; show the samples as dots if those that draw are not compiled yet.
+        """Show samples of the clouds as dots if the kernel that renders is not compiled yet.
+
+        If normals must be fitted, also announce the kernels for this, for the estimate of the remaining time.
 
         clouds : the points or model of each group of files; samples : at most COARSE (60,000) points of each
         """
@@ -169,7 +171,7 @@ class FileLoader:
 
         A scan's points have no normals if these are unwanted or deviate too much from the surface of this sample.
 
-        number : index in `_groups`, for error messages
+        number : index of the group of files that it comes from, for error messages
         """
         points = _points(cloud)
         if isinstance(cloud, Model) and cloud.parts:  # reading all points would take long

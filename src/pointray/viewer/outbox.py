@@ -127,7 +127,10 @@ class Outbox:
         self._link.send_file(pack({"type": "file", "name": path.name, "mime": mime}), path)
 
     def frame(self, frame: Frame, rate: float) -> None:
-        """Send an image, and with some of them a text with statistics. rate : images a second while the camera moves"""
+        """Send an image; also statistics as text, every quarter of a second and with a completely refined image.
+
+        rate : images a second while the camera moves, for the statistics
+        """
         width, height = frame.size
         header = {"number": frame.number, "camera": describe(frame.request.camera), "time": frame.request.time}
         header |= {"width": width, "height": height, "stage": frame.stage.name, "samples": frame.samples}

@@ -69,8 +69,10 @@ class Pace:
 
 
 def next_pass(last: int, seconds: float) -> int:
-    """Return how many samples per pixel the next refinement of an image adds: at most twice as many, and 0.4 s of work.
+    """Return how many samples per pixel the next pass of refinement adds to an image.
 
-    last : samples per pixel that the last pass added; seconds : its duration
+    They are at most twice as many as in the last pass, and take about 0.4 s at most, but at least 1.
+
+    last : samples per pixel that the last pass added; seconds : duration of the last pass
     """
     return max(1, min(2 * last, int(last * PASS / max(seconds, 1e-9))))

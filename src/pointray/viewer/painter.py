@@ -166,7 +166,10 @@ class Painter:
                 self._changed.notify_all()
 
     def seen(self, number: int) -> None:
-        """Record that the page has displayed an image: at most two are on their way. number : `Frame.number`"""
+        """Record that the page has displayed an image. number : `Frame.number`
+
+        The painter waits while two images that it has sent are not displayed yet.
+        """
         with self._changed:
             self._seen = max(self._seen, min(number, self._drawn))
             self._changed.notify_all()

@@ -87,6 +87,6 @@ def _format_number(name: str, number: Any) -> str:
 
 
 def _format_coordinate(value: float, pixel: float) -> str:
-    """Format a coordinate, rounded to about a tenth of a pixel. pixel : its size there, in world units"""
+    """Format a coordinate, rounded to about a tenth of a pixel. pixel : size of a pixel there, in world units"""
     decimals = max(0, min(9, 1 - math.floor(math.log10(max(pixel, 1e-300)))))
     return f"{value:.{decimals}f}"

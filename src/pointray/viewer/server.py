@@ -67,7 +67,7 @@ class Server:
     host : str
         Address to listen on.
     port : int
-        0: PORT, or the next free one. If another port is in use, the next free one; see the attribute `port`.
+        0: 8080. If the port is in use, the server listens on the next free one; see the attribute `port`.
     token : str
         Secret part of the address. Empty: a random one.
     hub : str

@@ -29,9 +29,12 @@ log = logging.getLogger("pointray.view")
 class Build:
     """How models are built: those parameters of `Model` that the panel shows.
 
-    surface, samples, radius_scale, scatter, scatter_size : as for `Model`
-    measured : whether noise is measured and smoothed
-    noise : standard deviation of the noise to smooth otherwise, in median support radii
+    surface : how f is blended: "paper", "imls", "apss" (fitted spheres) or "disc"
+    samples : of f along a ray, over the diameter of a support; radius_scale : factor for all radii
+    measured : whether the noise of the points is measured and smoothed
+    noise : standard deviation of the noise to smooth if it is not measured, in median support radii
+    scatter : how points that lie on no surface are drawn: "spheres", "discs", "surface" or "none"
+    scatter_size : factor for the radii of these spheres and discs
     """
 
     surface: str

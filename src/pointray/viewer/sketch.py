@@ -143,7 +143,7 @@ def _pixels(camera: Camera, depth: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _smaller(camera: Camera, times: float) -> Camera:
-    """Return the camera for an image `times` smaller in width and height; unchanged if that is below 1."""
+    """Return the camera for an image `times` smaller in width and height; unchanged if `times` is below 1."""
     width, height = camera.size
     return replace(camera, size=(max(1, round(width / times)), max(1, round(height / times)))) if times > 1 else camera
 

@@ -66,8 +66,16 @@ class ViewSettings:
     ----------
     base : Settings
         Settings without a control in the panel.
-    integrator, max_depth, shadows, backfaces, levels
-        As in `Settings`.
+    integrator : str
+        What is computed, such as "phong" (direct light), "path", "baked", "normal" or "depth".
+    max_depth : int
+        Maximum number of bounces of a path; for "phong" and "baked", of mirrors and glass in a row.
+    shadows : bool
+        Whether direct light casts shadows.
+    backfaces : {"same", "muted"}
+        Back faces are shaded like front faces, or desaturated and never black.
+    levels : bool
+        Whether levels of detail are used.
     samples : int
         Samples per pixel of a refined image.
     exposes : bool
@@ -128,7 +136,10 @@ class ViewSettings:
 
     @classmethod
     def of(cls, shared: SharedScene, scene: Scene) -> ViewSettings:
-        """Return the initial values of the panel. shared : gives its options; scene : gives lights and background"""
+        """Return the initial values of the panel.
+
+        shared : gives render settings, exposure and tone curve; scene : gives lights and background
+        """
         settings = shared.settings
         view = cls(
             base=replace(settings, time_limit=None, noise=None, denoise=False),
@@ -197,13 +208,16 @@ class ViewSettings:
     def lit_by(self, lights: Sequence[Light | EnvironmentLight], up: Vector, integrator: str) -> ViewSettings:
         """Return a copy with other lights. up : direction about which their angles are measured
 
-        integrator : replaces "baked" if there are lights; "phong" replaces it otherwise
+        integrator : replaces the current one if that is "baked"; but if there are no lights, "phong" does
         """
         shown = self.integrator if self.integrator != "baked" else integrator if lights else "phong"
         return replace(self, lamps=controls_of(lights, up), integrator=shown)
 
     def with_lamp(self, kind: str, scene: Scene, up: Vector) -> ViewSettings:
-        """Return a copy with an additional light. kind : "sun", "point" or "sky"; scene, up : where it is placed"""
+        """Return a copy with an additional light of default values. kind : "sun", "point" or "sky"
+
+        scene : a point light is placed by the bounds of this scene; up : up direction of the scene
+        """
         return replace(self, lamps=(*self.lamps, new_light_control(kind, scene, up)))
 
     def without_lamp(self, number: int) -> ViewSettings:
