@@ -1,6 +1,7 @@
 """Interactive viewer: a page in the browser that shows ray-traced images of a scene.
 
-`viewer.Viewer` holds a `SharedScene`, which all browsers show, and a `server`. Each browser has a `Session` with
+`viewer.Viewer` holds a `SharedScene` (`shared_scene`), which all browsers show, and a `server`. Each browser has a
+`Session` with
 
 - `connection`, `outbox`, `messages`: the WebSocket, messages to the page, and checks of messages from it
 - `display`: its camera, its `view_settings` (the values of the panel) and its panel (`panel`, `controls`,

@@ -49,6 +49,7 @@ def next_tile(work: Array) -> int:
 
     work : array that the run's threads share, with the counter of tiles
     """
+    # Loops fetch tiles at two places: Numba 0.68 cannot type `while (tile := next_tile(work)) >= 0`.
     if peek(work, CANCEL) != 0:
         return -1
     tile = fetch_add(work, NEXT, 1)
