@@ -125,9 +125,8 @@ def test_the_docstring_of_each_folder_lists_its_modules():
     assert modules_in("Rooms.\n\na, b : this; c : that\nBegin with a: it is short.") == {"a", "b", "c"}
     for path in PACKAGE.rglob("__init__.py"):
         text = ast.get_docstring(ast.parse(path.read_text())) or ""
-        here = {
-            other.stem for other in path.parent.iterdir() if other.suffix == ".py" or (other / "__init__.py").exists()
-        }
+        here = {other.stem for other in path.parent.glob("*.py") if not other.name.startswith("_")}
+        here |= {other.parent.name for other in path.parent.glob("*/__init__.py")}
         named = modules_in(text)
         assert named <= {other.stem for other in path.parent.iterdir()}, f"{path.parent.name}: {named - here}"
         missing = {name for name in here if not re.search(rf"\b{name}\b", text)}

@@ -15,9 +15,14 @@ from ..base.executor import Client, Executor, Job, snapshot_and_executor
 from ..base.progress import StageProgress, in_stage
 from ..scene.scene import Scene
 from ..scene.world import Snapshot
-from . import picture
 from .camera import Camera
-from .picture import Progress
+from .picture import (
+    Progress,
+    check_picture,
+    check_scene,
+    picture_bytes,
+    render_snapshot,
+)
 from .pieces import in_order
 from .ray_forwarding.spread import check_spread
 from .settings import Settings
@@ -80,9 +85,9 @@ def animate(
         raise wrong("cameras", "a sequence of Camera", cameras)
     for k, camera in enumerate(cameras):
         check_kind(camera, f"cameras[{k}]", Camera, "a Camera")
-    scene, settings = picture.check_scene(scene, settings, progress)
+    scene, settings = check_scene(scene, settings, progress)
     for size in {camera.size for camera in cameras}:
-        picture.check_picture(size, picture.picture_bytes(settings))
+        check_picture(size, picture_bytes(settings))
     spread = check_spread(spread, client, settings)
     return render_each(scene, list(cameras), settings, client, in_stage(progress, "rendering"), spread=spread)
 
@@ -106,10 +111,7 @@ def render_each(
     now, executor = snapshot_and_executor(scene, client, spread)
     if executor is None or executor.spread or settings.denoised:
         parts = [_part(progress, k, len(cameras)) for k in range(len(cameras))]
-        return (
-            picture.render_snapshot(now, *each, executor)
-            for each in zip(cameras, repeat(settings), parts, strict=False)
-        )
+        return (render_snapshot(now, *each, executor) for each in zip(cameras, repeat(settings), parts, strict=False))
     names = [f"frame {number}" for number in (numbers or range(len(cameras)))]
     return in_order(_render_whole(executor, cameras, settings, names, progress))
 
@@ -155,4 +157,4 @@ def _render_whole(
 
 def render_whole(scene: Snapshot, camera: Camera, settings: Settings, threads: int, progress: Progress) -> Floats:
     """Render one frame of a film on a worker: an (h, w, 4) image of linear radiance. progress : raises to cancel"""
-    return picture.render_snapshot(scene, camera, replace(settings, threads=threads), progress)
+    return render_snapshot(scene, camera, replace(settings, threads=threads), progress)

@@ -258,7 +258,7 @@ def test_a_valid_file_is_checked_once_unless_it_changes(folder: Path, monkeypatc
         checked.append(points)
         check_level(tree, points)
 
-    monkeypatch.setattr("pointray.model.model_folder.check_level", check)
+    monkeypatch.setattr("pointray.model.model_file.check_level", check)
     model = pr.Model.load(folder, memory=1)
     for number in (0, 1, 0, 1, 0):
         _ = model.parts[number].tree
