@@ -67,9 +67,9 @@ def _choose(pairs: Array, sums: Array, clear: Array, best: Array, partner: Array
 
     pairs : (e,) 2^32 times the lower piece, plus the other one
     sums : (e,) signed votes, positive where the two agree
-    clear : (e,) clarity of each vote: its size, less where votes contradict each other
-    best : (p,) updated: clarity of the clearest vote so far; -1: none
-    partner : (p,) updated: the neighbour of that vote, or -1 minus it if the two disagree
+    clear : (e,) clarity of each vote, large if the vote is large and hardly contradicted
+    best : (p,) clarity of the clearest vote so far, -1 if there is none; updated
+    partner : (p,) the neighbour of that vote, or -1 minus it if the two disagree; updated
     """
     for t in range(len(pairs)):
         one, other = pairs[t] >> 32, pairs[t] & 0xFFFFFFFF
