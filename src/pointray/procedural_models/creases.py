@@ -60,8 +60,8 @@ def refine_creases(
 ) -> NDArray[np.float64]:
     """Cut the triangles of a mesh into four where the surface bends sharply, so that creases are filled with points.
 
-    It is repeated, at most five times, where edges are longer than the spacing of n points on the surface and their
-    middles are farther than a fifth of it from the surface.
+    This is repeated, at most five times, where an edge is longer than the spacing of n points on the surface, and its
+    middle is farther from the surface than a fifth of that spacing.
 
     Parameters
     ----------

@@ -50,11 +50,13 @@ def _near(work: Array, solid: Solid, grid: Grid, near: Array) -> None:
 
 @kernel
 def _find_parts(work: Array, solid: Solid, grid: Grid, blocks: Array, near: Array) -> None:
-    """Mark the parts of each block that the surface may pass through; store the sign at the corners of the others.
+    """Mark the parts of each block that the surface may pass through.
 
-    A block has 8 x 8 x 8 grid cells, a part of it 2 x 2 x 2.
+    A block has 8 x 8 x 8 grid cells, a part of it 2 x 2 x 2. At the corners of other parts inside the solid,
+    `grid.values` is set to -1.
 
-    blocks : (b, 3) int32, positions of the blocks in units of blocks; near : (b, 64) bool, written
+    blocks : (b, 3) int32, positions of the blocks in units of blocks
+    near : (b, 64) bool, written: the marks
     """
     solid, grid, half = borrow(solid), borrow(grid), 0.5 * PART_EDGE * grid.cell
     t = next_tile(work)
@@ -88,7 +90,7 @@ def _corner_of(blocks: Array, t: int, part: int) -> Cell:
 
 @kernel
 def _fill(work: Array, solid: Solid, grid: Grid, blocks: Array, near: Array) -> None:
-    """Evaluate the field at the corners of all cells that the surface may pass through.
+    """Write the field of a solid to `grid.values` at the corners of all cells that the surface may pass through.
 
     Shared corners may be written twice, with the same number.
 
@@ -141,11 +143,12 @@ def _vertices(
 ) -> None:
     """Make one vertex for each cell that the surface crosses: the mean of the crossings, moved onto the surface.
 
-    If `vertices` is empty they are only counted, for each block.
+    If the array `vertices` is empty, the vertices of each block are only counted.
 
     blocks : (b, 3) positions of blocks of 8 x 8 x 8 cells
     first : (b,) number of the first vertex of each block; if `vertices` is empty, the counts are added to it
-    vertices : (v, 3), written; numbers : number of each cell's vertex, written
+    vertices : (v, 3), written
+    numbers : one per grid cell, receives the number of the cell's vertex
     """
     solid, grid = borrow(solid), borrow(grid)
     t = next_tile(work)

@@ -183,10 +183,14 @@ def _dart(corners: Array, t: int, word: int) -> Vec3:
 
 @kernel
 def _throw(work: Array, bricks: Bricks, turn: Array, areas: Array, distance: float, rounds: int, key: int) -> None:
-    """Throw darts, random points of the triangles, at some bricks; those at least `distance` from all others are kept.
+    """Throw darts (random points of the triangles) at some bricks; add those at least `distance` from all other points.
+
+    They are added to `bricks.points`, and counted in `bricks.filled`.
 
     turn : numbers of the bricks (cells of a grid), which do not touch, so that they can be filled at the same time
-    areas : (t,) of the triangles; each gets area / distance^2 darts in each of the `rounds`; key : seed
+    areas : (t,) areas of the triangles
+    rounds : number of rounds; in each a triangle gets area / distance^2 darts
+    key : seed
     """
     bricks, areas = borrow(bricks), borrow(areas)
     margin = bricks.margin + 1.01 * distance

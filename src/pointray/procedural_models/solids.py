@@ -122,9 +122,11 @@ def _bracket(solid: Solid, x: float, y: float, z: float, f: float) -> Vec3:
 def settle(solid: Solid, x: float, y: float, z: float, steps: int, enough: float) -> tuple[float, float, float, float]:
     """Move a point near the surface of a solid onto it; return its new x, y, z and the field there.
 
-    The field is below `enough` if `steps` (of Newton's method) suffice. Newton's method uses a one-sided gradient, and
-    uses it for a second step (a chord step), which saves evaluations. If `steps` is over 2 and the field stays above 10
-    times `enough`, the surface is found by bisection.
+    Newton's method uses each one-sided gradient for two steps, which saves evaluations. If `steps` is over 2 and the
+    field stays above 10 times `enough`, the surface is found by bisection.
+
+    steps : largest number of gradients
+    enough : absolute value of the field at which the method stops
     """
     f = field(solid, x, y, z)
     for _ in range(steps):

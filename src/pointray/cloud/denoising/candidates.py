@@ -56,8 +56,9 @@ class Neighbors(NamedTuple):
     sums : (10 * 16,)
         Weighted sums over the neighbours of each plane: x y z, xx xy xz, yy yz zz, and the weights.
     found, chosen, again : (4 * 16,)
-        Nine candidate planes, the two or three chosen ones, and these fitted again: x of the normals, then y, z and the
-        offsets. If two are chosen, a third one lies below all others.
+        Planes, one a lane: x of the normals, then y, z and the offsets. `found` holds nine candidates, `chosen` the two
+        or three planes of the edge or corner, `again` new fits of these. If only two are chosen, the third has the
+        normal 0 and an offset that makes it lower than both.
     heights : (62 * 16,)
         Heights of some neighbours above all candidates: 16 floats a neighbour.
     """
@@ -187,11 +188,11 @@ def find_candidates(k: int, memory: Neighbors) -> None:
 
 @inline
 def _around(a: int, place: int, width: float, memory: Neighbors) -> int:
-    """Store the sums from which candidate plane `a` is fitted to the neighbours around one of them, its centre.
+    """Store in the memory the sums from which candidate plane `a` is fitted to the neighbours around one of them.
 
-    Returns the centre of the next candidate: the index of the neighbour that is farthest from all centres so far.
+    Returns the index of the neighbour that is farthest from the centres of all candidates so far: the next centre.
 
-    place : index of the neighbour at the centre of plane `a`
+    place : index of the neighbour around which plane `a` is fitted, its centre
     width : squared radius around the centre beyond which weights are 0; the farthest neighbour is at distance 1
     """
     rows = len(memory.weights)

@@ -54,10 +54,10 @@ CHUNK = 256
 
 @inline
 def _highest(memory: Neighbors, at: int) -> tuple[F16, F16, F16]:
-    """Return the plane that sixteen neighbours are highest above, that height, and the height above the next plane.
+    """Find for each of sixteen neighbours the plane that it is highest above, among the two or three chosen ones.
 
-    A height is a signed distance from one of the two or three chosen planes, numbered from 0. A point on a solid
-    bounded by these planes lies on the one that it is highest above.
+    Returns the number of that plane, from 0; the height above it; the second largest of the heights. Heights are
+    signed distances. A point on a solid bounded by these planes lies on the one that it is highest above.
 
     at : index of the first of the sixteen neighbours
     """
@@ -159,8 +159,9 @@ def _error(count: int, memory: Neighbors) -> tuple[float, float, float]:
 def crease(k: int, sigma: float, memory: Neighbors) -> tuple[int, float, float, float]:
     """Choose and fit two or three planes that meet in an edge or a corner near a point whose neighbours are loaded.
 
-    Returns the number of planes, 0 if none fit; the mean square of the residuals; the variance of the planes' position
-    along their normals, if the noise has variance 1; the effective number of neighbours.
+    The planes are left in `memory.chosen`. Returns the number of planes, 0 if none fit; the mean square of the
+    residuals; the variance of the planes' position along their normals, if the noise has variance 1; the effective
+    number of neighbours.
 
     k : number of neighbours
     sigma : noise (standard deviation of the points from the surface), relative to the farthest neighbour's distance
@@ -196,7 +197,7 @@ def store_model(memory: Neighbors, count: int, unit: float, weight: float, out: 
 
     count : number of planes, 2 or 3
     unit : distance of the farthest neighbour, to which the fitted offsets are relative
-    weight : weight of this crease in means of several
+    weight : weight of this crease where a point moves by the mean of its moves onto several creases
     """
     out[0], out[MODEL - 1] = count, weight
     for a in range(count):
@@ -213,7 +214,8 @@ def _fit(work: Array, positions: Array, rows: Array, near: Array, errors: Array,
     near : (m, k) nearest neighbours of these rows
     errors : (m, 2) noise, and estimated error of the quadric fitted to the row's neighbours, in the points' unit
     residuals : (m,) RMS residuals of a quadric through all k neighbours; NaN where they lie on a line
-    out : (m, 14) receives the number of planes; x, y, z of the normal and the offset of each; the weight
+    out : (m, 14) receives the number of planes; x, y, z of the normal and the offset of each of three; the weight of
+        the crease in the mean of several
     """
     positions, rows, near = borrow(positions), borrow(rows), borrow(near)
     errors, residuals, out = borrow(errors), borrow(residuals), borrow(out)
@@ -237,7 +239,8 @@ def fit_creases(positions: Floats, rows: NDArray[np.int64], near: NDArray[np.int
     """Fit two or three planes that meet in an edge or a corner to the neighbours of points on which no quadric fits.
 
     Returns (m, 14) float32: number of planes; for each of three planes x, y, z of its normal, and its offset for
-    positions relative to the point; weight in means of several. Zero where planes fit no better than the quadric.
+    positions relative to the point; weight of this crease in the mean of several. Zero where planes fit no better than
+    the quadric.
 
     positions : (n, 3)
     rows : (m,) the points to fit

@@ -115,14 +115,16 @@ def _settle(
     models: Array,
     out: Array,
 ) -> None:
-    """Compute how points near edges and corners move: the mean of the moves onto the rounded edges fitted nearby.
+    """Compute how points near edges and corners move: by the mean of their moves onto the rounded edges fitted nearby.
 
     work : gives each thread its next tile, 512 rows
     positions, normals : (n, 3), of all points
     rows : (m,) the points to move
     near : (m, k) nearby entries of `fitted_rows`, or -1
-    fitted_rows, models : (c,) rows at which planes were fitted, and (c, 14) these planes
-    out : (m, 8) receives the move, the normal there, and 1, or 0 if there is no edge; the last column holds the spacing
+    fitted_rows : (c,) rows at which planes were fitted
+    models : (c, 14) number of these planes; x, y, z of the normal and the offset of each of three; weight in the mean
+    out : (m, 8) receives x, y, z of the move and of the normal after it, and 1 (left at 0 if there is no edge); its
+        last column holds the distance between neighbouring points, in proportion to which edges are rounded
     """
     positions, normals, near = borrow(positions), borrow(normals), borrow(near)
     models, out = borrow(models), borrow(out)
@@ -175,13 +177,13 @@ class Edges:
     def add(
         self, rows: NDArray[np.int64], near: NDArray[np.int32], noise: Floats, errors: Floats, spacing: Floats
     ) -> None:
-        """Collect those rows of a part that a quadric does not fit, and fit planes at the worst of them.
+        """Collect those of some rows that a quadric does not fit, and fit planes at the worst of them.
 
-        rows : (m,) rows of the part
+        rows : (m,) the rows, one part of all
         near : (m, k) their nearest neighbours
         noise, spacing : (m,) standard deviation from the surface, and distance between neighbouring points, in the
             points' unit
-        errors : (m, 2) residual of the quadric beyond the noise, and its estimated error, see `fit_surface`
+        errors : (m, 2) residual, beyond the noise, of the quadric fitted to each row, and the quadric's estimated error
         """
         beyond = np.where((noise > 0) & (noise < MUCH * spacing), errors[:, 0], 0.0)
         some = np.flatnonzero(beyond > USES * spacing)

@@ -41,8 +41,9 @@ def _fit(
     normals : (n, 3), or (0, 3) if unknown; neighbours that face the opposite side are skipped
     sizes : numbers of neighbours to try, ascending
     noise : (m,) standard deviation of the distance from the surface
-    out : (m, 11) receives the move onto the quadric, its normal there, the normal of a plane through the neighbours,
-        the residual beyond noise of the quadric through most neighbours, and the estimated error of the best one
+    out : (m, 11) receives x, y, z of the move onto the quadric, of its normal there, and of the normal of a plane
+        through the neighbours; the residual, beyond the noise, of the quadric through most neighbours; the estimated
+        error of the best quadric
     """
     positions, rows, near = borrow(positions), borrow(rows), borrow(near)
     normals, noise, out = borrow(normals), borrow(noise), borrow(out)

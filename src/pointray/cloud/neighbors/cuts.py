@@ -101,13 +101,14 @@ def _find_parts(work: Array, bits: Array, row: int, cuts: Cuts, parts: Array) ->
 def _count_upper(work: Array, bits: Array, row: int, cuts: Cuts, slots: Array, bounds: Array, counts: Array) -> None:
     """Find the extent of each range of points that is to be split, and count coordinates by their upper 16 bits.
 
-    The first pass of a radix selection of split coordinates, which are compared as integers, see `_key`. Each tile
-    (work unit of a thread) has arrays of its own.
+    The first pass of a radix selection of split coordinates. Coordinates are compared as keys: integers that sort like
+    them. Each tile (work unit of a thread) has arrays of its own.
 
     bits : (n, 3) int32, bits of the coordinates of a chunk, which begins at `row` of the cloud
     cuts : upper levels of the kd-tree, which assign points to parts
     slots : (parts,) the span (range to be split) that begins with this part, or -1
-    bounds : (tiles, spans, 6) least and greatest keys; counts : (tiles, spans, 3, 2^16) int32
+    bounds : (tiles, spans, 6) updated with the least keys along x, y, z, then the greatest ones
+    counts : (tiles, spans, 3, 2^16) int32, increased: how many keys along each axis have these upper 16 bits
     """
     tile = next_tile(work)
     while tile >= 0:
@@ -131,8 +132,8 @@ def _count_lower(work: Array, bits: Array, row: int, cuts: Cuts, slots: Array, c
     bits : (n, 3) int32, bits of the coordinates of a chunk, which begins at `row` of the cloud
     cuts : upper levels of the kd-tree, which assign points to parts
     slots : (parts,) the span (range to be split) that begins with this part, or -1
-    chosen : (spans, 2) split axis, and upper bits of the split coordinate's key
-    counts : (tiles, spans, 2^16) int32
+    chosen : (spans, 2) split axis, and upper bits of the split coordinate's key, an integer that sorts like it
+    counts : (tiles, spans, 2^16) int32, increased: how many keys along the split axis have these lower 16 bits
     """
     tile = next_tile(work)
     while tile >= 0:
@@ -152,7 +153,7 @@ def _find_ties(bits: Array, row: int, cuts: Cuts, slots: Array, chosen: Array, l
     bits : (n, 3) int32, bits of the coordinates of a chunk, which begins at `row` of the cloud
     cuts : upper levels of the kd-tree, which assign points to parts
     slots : (parts,) the span (range to be split) that begins with this part, or -1
-    chosen : (spans, 2) split axis, and key of the split coordinate
+    chosen : (spans, 2) split axis, and key of the split coordinate (an integer that sorts like it)
     left : (spans,) number of such points that the first half still lacks; reduced by those found
     ties : (spans,) receives the row after the last one that belongs to the first half
     """

@@ -62,9 +62,9 @@ def _count_within(squares: Array, end: int, bound: float) -> int:
 
 @inline
 def bound_for(squares: Array, end: int, k: int, guess: float, limit: float) -> float:
-    """Find a squared distance within which a query has k candidates or slightly more; -1 if `limit` holds fewer.
+    """Find a squared distance within which a query has k candidates or slightly more; -1 if fewer are within `limit`.
 
-    squares : squared distances of the candidates; end : how many there are
+    squares : squared distances of the candidates (points near the query); end : how many there are
     guess : squared distance to try first
     limit : squared distance within which all points are among the candidates
     """
@@ -136,8 +136,9 @@ def rank(q: Query, packed: Packed, count: int, ranked: Ranked) -> None:
 def _rank_ties(packed: Array, count: int, squares: Array, numbers: Array, ranks: Array) -> None:
     """Rank candidates by float64 squared distance, those at equal distance by number.
 
-    packed : numbers of the candidates; numbers : receives them
-    squares : float64 squared distances; ranks : receives the ranks, from 0
+    packed, count : numbers of the candidates, and how many there are
+    squares : float64 squared distances of the candidates
+    numbers, ranks : receive the numbers, and the ranks from 0
     """
     for i in range(count):
         numbers[i] = packed[i]
@@ -153,10 +154,12 @@ def _rank_ties(packed: Array, count: int, squares: Array, numbers: Array, ranks:
 def write_ranked(ranked: Ranked, packed: Packed, count: int, k: int, line: Array, at: int, rows: Rows) -> float:
     """Write a query's k nearest points, in order of rank, to its row; return the squared distance of the farthest.
 
-    ranked : squares and ranks of the candidates, from `rank`; packed, count : the candidates, and how many there are
+    ranked : squares and ranks of the candidates, from `rank`
+    packed, count : x, y, z and numbers of the candidates, and how many there are
     line : memory for sorting
     at : index at which the query's row begins
-    rows : factor from scaled to true distances; flat arrays that receive distances (may be empty) and point numbers
+    rows : factor from scaled to true distances; flat array that receives distances, or is empty; flat array that
+        receives point numbers
     """
     _, squares, numbers, ranks = ranked
     unit, distances, indices = rows

@@ -50,7 +50,7 @@ def _collect(tree: Tree, low: Query, high: Query, square: float, stack: Array, f
     low, high : corners of the box
     square : squared distance
     stack : memory for nodes of the tree
-    found : receives the numbers of the blocks
+    found : receives the numbers of the blocks, as many as it has room for
     """
     nodes, starts = tree[2], tree[3]
     square = f32(square * MORE)
@@ -126,7 +126,8 @@ def _search_single(tree: Tree, batch: Batch, slot: int, k: int, memory: Memory, 
 
     tree : blocks of 16 points, their numbers, nodes of bounding boxes, first node of each level
     batch : blocks of 16 queries, their numbers (perhaps none), and the index of the first query
-    rows : factor from scaled to true distances; flat arrays that receive distances (may be empty) and point numbers
+    rows : factor from scaled to true distances; flat array that receives distances, or is empty; flat array that
+        receives point numbers
     """
     best = memory[4]
     farthest = search_alone(tree, _query(batch, slot), k, memory[5], best)
@@ -143,14 +144,16 @@ def _search_single(tree: Tree, batch: Batch, slot: int, k: int, memory: Memory, 
 def _search_pool(
     batch: Batch, block: int, waiting: Bits, end: int, k: int, limit: float, memory: Memory, rows: Rows
 ) -> tuple[Bits, float]:
-    """Find and write the k nearest points of those queries of a block that have k points within a limit.
+    """Find and write the k nearest points of those queries of a block that have k points within a distance.
 
     Returns the queries that remain, as bits, and the largest squared distance of a neighbour that was found.
 
+    batch, block : blocks of 16 queries, their numbers (perhaps none), and the first query; number of the block
     waiting : queries of the block to answer, as bits
-    end : number of points in the memory's pool, which holds all points within the limit
-    limit : squared distance
-    rows : factor from scaled to true distances; flat arrays that receive distances (may be empty) and point numbers
+    end : number of points in the memory's pool, which holds all points within the distance
+    limit : square of the distance
+    rows : factor from scaled to true distances; flat array that receives distances, or is empty; flat array that
+        receives point numbers
     """
     pool, packed, ranked, line = memory[0], memory[1], memory[2], memory[3]
     left, near, needed = waiting, limit / BEYOND, 0.0
@@ -179,7 +182,8 @@ def _search_block(
     batch : blocks of 16 queries, their numbers (perhaps none), and the index of the first query
     count : number of queries of the block, at most 16
     limit : squared distance to search first; if not positive, it is taken from a single query
-    rows : factor from scaled to true distances; flat arrays that receive distances (may be empty) and point numbers
+    rows : factor from scaled to true distances; flat array that receives distances, or is empty; flat array that
+        receives point numbers
     """
     low, high = _box(batch, block, count)
     waiting, needed, tried, is_measured = (1 << count) - 1, 0.0, 0, False
@@ -213,8 +217,8 @@ def find_nearest(work: Array, tree: Tree, batch: Batch, end: int, k: int, rows: 
     tree : blocks of 16 points, numbers of the points, nodes of bounding boxes, first node of each level
     batch : blocks of 16 queries, their numbers, and the first query, a multiple of 16; if there are no numbers (an
         empty array), queries are numbered from the first
-    rows : factor from scaled to true distances; flat arrays that receive distances (may be empty) and point numbers, in
-        which row i begins at k times i
+    rows : factor from scaled to true distances; flat array that receives distances, or is empty; flat array that
+        receives point numbers; row i of both begins at k times i
     """
     tree, batch, rows = borrow(tree), borrow(batch), borrow(rows)
     most = SPARE + k // PER_NEIGHBOR

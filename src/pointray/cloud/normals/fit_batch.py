@@ -41,7 +41,9 @@ class FitBatch16(NamedTuple):
     units : (16,)
         Distance of the farthest neighbour: the unit of the scaled offsets.
     results : (10 * 16,)
-        Results of a fit (normals, residual, variances) in the order that `jet` documents.
+        Results of a fit, 16 floats for each number: x, y, z of the quadric's normal at the point and of the plane's
+        normal; RMS residual; variance of the slope for unit noise; height of the quadric at the point; variance of that
+        height for unit noise.
     """
 
     places: Array

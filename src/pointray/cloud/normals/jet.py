@@ -95,7 +95,8 @@ def take_triple(mask: Mask, a: Array, at_a: int, b: Array, at_b: int, out: Array
 def _lay_down(k: int, plane: Plane, memory: FitBatch16) -> Moments:
     """Write the k nearest neighbours in the axes of a plane to the memory; return the sums over them for a quadric.
 
-    Two coordinates in the plane, and the height above it, scaled so that the farthest one is at distance 1.
+    For each neighbour, two coordinates in the plane and the height above it are written to `memory.local`. They are
+    scaled so that the farthest neighbour is at distance 1.
     """
     scale = ONE / plane.reach
     u, v, n = plane.one, plane.two, plane.normal
@@ -158,11 +159,11 @@ def _second_round(k: int, inverse: F16, memory: FitBatch16) -> tuple[Moments, F1
 def _corrected(f: Factor, m: Moments, x: Sextuple, left: F16) -> tuple[Sextuple, F16]:
     """Correct the coefficients of a quadric by a fit to its residuals.
 
-    Returns the coefficients, and the sum of squared residuals that remains.
+    Returns the new coefficients, and the weighted sum of squared residuals that remain.
 
     f, m : factored normal matrix, and sums over the residuals
-    x : coefficients before, 1 p q pp pq qq
-    left : sum of squared residuals before
+    x : coefficients before the correction, of 1 p q pp pq qq
+    left : weighted sum of squared residuals before the correction
     """
     b, ridge = _right(m), RIDGE * m.m00
     d = solve(f, (b[0], b[1], b[2], b[3] - ridge * x[3], b[4] - ridge * x[4], b[5] - ridge * x[5]))

@@ -60,14 +60,16 @@ class InMemoryVotes:
 
 @kernel
 def _choose(pairs: Array, sums: Array, clear: Array, best: Array, partner: Array) -> None:
-    """Find the neighbour of each piece with which it agrees, or disagrees, most clearly; called for each table.
+    """Find the neighbour of each piece with which it agrees, or disagrees, most clearly, from a table of votes.
 
-    A piece is a set of points whose normals agree. The first of equally clear neighbours counts.
+    A piece is a set of points whose normals agree. Called for one table after another to update the results. The
+    first of equally clear neighbours counts.
 
     pairs : (e,) 2^32 times the lower piece, plus the other one
-    sums, clear : (e,) signed votes, positive where the two agree, and their clarity
-    best : (p,) clarity of the clearest vote so far; -1: none
-    partner : (p,) the neighbour, or -1 minus it if the two disagree
+    sums : (e,) signed votes, positive where the two agree
+    clear : (e,) clarity of each vote, large if the vote is large and hardly contradicted
+    best : (p,) clarity of the clearest vote so far, -1 if there is none; updated
+    partner : (p,) the neighbour of that vote, or -1 minus it if the two disagree; updated
     """
     for t in range(len(pairs)):
         one, other = pairs[t] >> 32, pairs[t] & 0xFFFFFFFF

@@ -99,7 +99,7 @@ def _distance(one: Array, i: int, other: Array, j: int) -> float:
 
 @inline
 def _combine(nodes: Array, t: int, one: int, two: int) -> None:
-    """Fill node t of a tree of dipoles from its children, nodes `one` and `two`.
+    """Compute node t of a tree of dipoles from its children, nodes `one` and `two`.
 
     A dipole approximates what distant points contribute to a winding number.
 
@@ -119,9 +119,10 @@ def _combine(nodes: Array, t: int, one: int, two: int) -> None:
 
 @kernel
 def _grow(work: Array, positions: Array, normals: Array, spacing: Array, nodes: Array) -> None:
-    """Build a tree of dipoles for each tile (4,096 consecutive points); each approximates the points below, from afar.
+    """Build a tree of dipoles for each tile (4,096 consecutive points).
 
-    The root is node 1, children of node i are 2i and 2i + 1, leaves have 16 points.
+    The dipole of a node approximates what the points below the node contribute to the winding numbers of distant
+    places. The root is node 1, children of node i are 2i and 2i + 1, leaves have 16 points.
 
     work : gives each thread its next tile
     positions, normals, spacing : (n, 3), (n, 3), and (n,) square roots of the points' areas
@@ -162,7 +163,8 @@ def _join_roots(top: Array) -> None:
 def trees_of(splats: Splats) -> Floats:
     """Return the trees of dipoles, each of 512 nodes, for all tiles of 4,096 consecutive points: (tiles * 512, 8).
 
-    The columns are centre, dipole, radius and area. A node stands for distant points below it.
+    The columns are centre, dipole, radius and area. The dipole of a node approximates what the points below it
+    contribute to the winding numbers of distant places.
     """
     tiles = -(-len(splats.positions) // TILE)
     nodes = np.zeros((tiles * NODES, NUMBERS), np.float32)
@@ -237,7 +239,7 @@ def _wind(work: Array, rows: Array, splats: Arrays, trees: Arrays, step: float, 
     splats : positions, normals and spacings (square roots of areas) of the points of loaded tiles
     trees : nodes of the tree of dipoles over all tiles, then of those of loaded tiles; (1,) int64 number of the former;
         (tiles,) int32 index of each tile among the loaded ones, or -1
-    step : in spacings of the point
+    step : distance in front and behind, in spacings of the point
     out : (m, 2) receives the numbers in front and behind
     needed : (tiles,) int8, set to 1 for tiles that the numbers lack because they are not loaded
     """

@@ -58,9 +58,11 @@ def _examine(work: Array, positions: Array, rows: Array, near: Array, noises: Ar
     positions, rows : (n, 3) points, and (m,) the rows
     near : (m, k) nearest neighbours of these rows
     noises : (m,) standard deviation of the points around from their surface
-    out : (m, 6) receives the verdict, `OFF` (certainly off the surface), `MAYBE` or `DOUBT` (off only if at least one
-        point, or two, next to it are off); the offset to the surface, x y z; the surface's point spacing; the number of
-        neighbours on the row's side of it
+    out : (m, 6) receives the verdict; the offset to the surface, x y z; the surface's point spacing; the number of
+        neighbours on the row's side of the surface
+
+    Verdicts are `OFF` (certainly off the surface), `MAYBE` (off only if at least one point next to the row is `OFF`)
+    and `DOUBT` (off only if at least two are).
     """
     positions, near, out, k = borrow(positions), borrow(near), borrow(out), near.shape[1]
     first, other = new_memory(k), new_memory(k)
@@ -119,15 +121,15 @@ def _examine(work: Array, positions: Array, rows: Array, near: Array, noises: Ar
 def _join(
     work: Array, positions: Array, rows: Array, near: Array, verdicts: Array, details: Array, joins: Array, out: Array
 ) -> None:
-    """Decide whether rows lie next to others that are certainly off their surface, at the height of these.
+    """Decide which uncertain rows are off their surface: those beside points certainly off, at the height of these.
 
     work : gives each thread its next tile, 1024 rows
-    positions, rows : (n, 3) points, and (m,) the rows
+    positions, rows : (n, 3) points, and (m,) the uncertain rows
     near : (m, k) nearest neighbours of these rows
-    verdicts : (n,) `OFF` (certainly off), `MAYBE` or `DOUBT` (off if at least one point, or two, beside it are off)
+    verdicts : (n,) `OFF` (certainly off), `MAYBE` (off only beside at least one such point) or `DOUBT` (beside two)
     details : (n, 5) offset to the surface, x y z; its point spacing; number of neighbours on the point's side of it
-    joins : (m,) receives whether each row does
-    out : (m, 5) receives such details for rows that do; the number is that of neighbours at the others' height
+    joins : (m,) bool, receives whether each row is off
+    out : (m, 5) receives the same details of these rows, but the number of neighbours at the height of the points off
     """
     positions, near, details, out = borrow(positions), borrow(near), borrow(details), borrow(out)
     tile = next_tile(work)
@@ -172,9 +174,9 @@ def examine_rows(
     Returns
     -------
     (m, 6) float32
-        The verdict, `OFF` (certainly off the surface), `MAYBE` or `DOUBT` (off only if at least one point, or two, next
-        to it are off); offset to the surface, x y z; the surface's point spacing; number of neighbours on the row's
-        side of it.
+        Verdict; offset to the surface, x y z; the surface's point spacing; number of neighbours on the row's side of
+        the surface. Verdicts are `OFF` (certainly off the surface), `MAYBE` (off only if at least one point next to the
+        row is `OFF`) and `DOUBT` (off only if at least two are).
     """
     out = np.zeros((len(rows), 6), np.float32)
     for start in range(0, len(rows), ROWS):

@@ -28,8 +28,8 @@ SPREAD = 1.5  # standard deviation over the median absolute residual, for six fi
 def new_memory(k: int) -> Memory:
     """Return the memory of one thread for robust fits of a plane and a quadric to k points.
 
-    Arrays for offsets, weights, residuals, and twice k values; terms, coefficients and Cholesky factor of the quadric;
-    eigenvalues and eigenvectors for the plane.
+    A tuple of arrays: offsets, weights and residuals of the points; two arrays of k floats for sorting; terms,
+    coefficients and Cholesky factor of the quadric; eigenvalues and eigenvectors for the plane.
     """
     d, terms = np.empty((k, 3)), np.empty((k, TERMS + 1))
     w, r, sizes, scratch = np.empty(k), np.empty(k), np.empty(k), np.empty(k)

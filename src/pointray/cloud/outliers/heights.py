@@ -137,8 +137,9 @@ def _way(known: Array, count: int) -> tuple[bool, float]:
 
     The distance is relative to the radius of the neighbourhood.
 
-    known : (8, 5) statistics of each scan, the point's own first: number of neighbours, of those near the axis, squared
-        residual, side that was seen, height
+    known : (8, 5) statistics of each scan, the point's own first: number of neighbours; number of those near the
+        point, measured along the fitted plane; mean square of residuals; mean cosine between the plane's normal and the
+        directions to the scanner; height
     count : number of scans
     """
     inner = 0.0

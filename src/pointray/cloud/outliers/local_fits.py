@@ -33,12 +33,15 @@ ROWS = 1 << 15  # groups of a table at a time
 def _keep(
     positions: Array, row: int, near: Array, reach: Array, i: int, aside: float, kept: Array, away: Array
 ) -> float:
-    """List the neighbours of point `row` of a group among the group's candidates; return the distance of the last.
+    """Write the neighbours of a point to kept[row], nearest first; return the distance of the farthest of them.
 
-    near : (m, k) rows of the candidates, nearest to the group's middle first, of which near[i] are used
-    reach : (m, k) distances of the candidates from the middle
-    aside : distance of the row from the middle
-    kept : (n, c) receives the neighbours of the row
+    The neighbours are searched among candidates that all points of a group share: those nearest to its middle point.
+
+    row : row of the point; i : number of its group
+    near : (m, k) rows of the candidates of each group, nearest to the middle point first
+    reach : (m, k) distances of the candidates from the middle point
+    aside : distance of the point from the middle point
+    kept : (n, c) receives the c neighbours
     away : memory for c squared distances
     """
     most = kept.shape[1]
@@ -65,12 +68,12 @@ def _keep(
 def _survey(
     work: Array, positions: Array, members: Array, near: Array, reach: Array, about: Array, kept: Array, is_done: Array
 ) -> None:
-    """Fit a surface to each group of points; write where its points lie relative to that, and their neighbours.
+    """Fit a surface to each group of points; write the points' heights above it, and their nearest neighbours.
 
     work : gives each thread its next tile, 256 groups
     members : (m, g) rows of each group, the middle one first
-    near : (m, k) nearest neighbours of the middle one
-    reach : (m, k) their distances from it
+    near : (m, k) nearest neighbours of the middle one of each group
+    reach : (m, k) distances of these neighbours from the middle one
     about : (n, 4) receives each point's height above the surface, the noise and the point spacing of the surface, and
         the distance to the point's eighth neighbour
     kept : (n, c) receives the nearest neighbours of each point
