@@ -49,7 +49,7 @@ class Kind(NamedTuple):
     layout : list of int
         Sizes of the records in its arrays; files with other sizes cannot be read.
     noun : str
-        Its name in messages, such as "a saved model".
+        Name of the kind in messages, such as "a saved model".
     outdated : str
         Message for another version or layout.
     older : tuple of int

@@ -71,12 +71,12 @@ def _make_level(
     scattered: ScatteredPoints | None,
     drawing: Drawing,
 ) -> ModelData:
-    """Build a level of detail from averaged points.
+    """Build a level of detail, with support radii and a tree, from averages of the points of the finer level.
 
-    placed : points of the surface, with the noise removed from each; None: no surface
-    within : lower limit of the support radii, and (n,) float32 upper limits, which keep isolated points about as small
-        as they were
-    scattered : points drawn as spheres or discs, as `drawing` says; None: only surface
+    placed : the n averaged points of the surface, and the noise that was removed from each; None: no surface
+    within : limits of the support radii: the least radius, and the largest radius of each point, (n,) float32, so that
+        an isolated point stays about as small as in the finer level
+    scattered : averaged points drawn as spheres or discs, as `drawing` says; None: only surface
     """
     points = joined(None if placed is None else placed.points, None if scattered is None else scattered.points)
     made, count = None, 0

@@ -26,7 +26,7 @@ class ModelData(NamedTuple):
     drawing : how points that lie on no surface are drawn, such as spheres
     points, radii : the n points as given; (n,) float32 support radii, 0 for points without a splat
     bounds : (2, 3) float64, of the points, world
-    tree : over the splats; in the description of a whole model in parts it has no splats
+    tree : over the splats; without splats for a model in parts, whose parts have a tree each
     """
 
     settings: TreeSettings

@@ -209,8 +209,9 @@ def _take_level(
 ) -> Level:
     """Remove the arrays of one model or level of detail from those of a file; return them, validated, as a `Level`.
 
-    found : all arrays of the file by name; prefix : with which the names of this level's arrays begin
-    is_sound : whether the tree has been validated before
+    settings : of the level, as stored; found : all arrays of the file by name
+    prefix : beginning of the names of the level's arrays; georeference : of the points
+    is_sound : whether the tree has been validated before, so that this is not repeated
     """
     mine = {name.removeprefix(prefix): array for name, array in found.items() if name.startswith(prefix)}
     points = points_of(mine, georeference)

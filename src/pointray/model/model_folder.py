@@ -47,10 +47,11 @@ Report = Callable[[float], None]
 class LevelFile(NamedTuple):
     """A level of detail of a part, as described in the index file (index.json) of a model in parts.
 
-    name : of the file; points : their number
-    spacing : median of their radii
+    name : name of the level's file
+    points : number of points of the level
+    spacing : median support radius; for scattered points that of a surface with points as dense as these
     longest : number of blocks in the longest leaf
-    nbytes, sha256 : of the file
+    nbytes, sha256 : size of the file in bytes, and its SHA-256 in hexadecimal digits
     """
 
     name: str
@@ -64,12 +65,14 @@ class LevelFile(NamedTuple):
 class PartFile(NamedTuple):
     """A part, as described in the index file (index.json) of a model in parts.
 
-    name : of the file; points : number of its own points; bounds : (2, 3) of these, world
-    reach : (2, 3) bounds of all that rays can hit, relative to the origin; None: nothing
-    spacing : median of the radii of all splats in the file
+    name : name of the part's file
+    points : number of the part's own points; bounds : (2, 3), bounds of these points, world
+    reach : (2, 3) bounds of all that rays can hit, relative to the points' origin; None: nothing
+    spacing : median support radius of all splats in the file; for scattered points that of a surface with points as
+        dense as these
     longest : number of blocks in the longest leaf
-    nbytes, sha256 : of the file
-    levels : its levels of detail, from fine to coarse
+    nbytes, sha256 : size of the file in bytes, and its SHA-256 in hexadecimal digits
+    levels : the part's levels of detail, from fine to coarse
     """
 
     name: str
@@ -97,14 +100,15 @@ class Index(NamedTuple):
     """Contents of the index file of a model in parts.
 
     id : hexadecimal number, stored in all files of the folder, by which files of another folder are recognised
-    settings : of the model, in a form that JSON can store
+    settings : settings of the model as JSON types
     survey : georeference of the coordinates
-    bounds : (2, 3), of all points, world
-    supports : (6,) bounds of all supports, relative to the origin: a ray's samples start where it enters them
-    longest : longest step of the samples in any part
-    nbytes, sha256 : of the points' file
-    parts : the parts of the surface, then those of scattered points
-    scattered : number of scattered points (drawn as spheres or discs), which are the last ones
+    bounds : (2, 3), bounds of all points, world
+    supports : (6,), box around all supports, relative to the points' origin; a ray's samples start where the ray enters
+        this box
+    longest : longest distance between a ray's samples in any part, in the points' unit
+    nbytes, sha256 : size in bytes and SHA-256 of the file with all points
+    parts : entries of the parts of the surface, then of the parts of scattered points
+    scattered : number of scattered points (drawn as spheres or discs), which are the last rows of the points
     """
 
     id: str
@@ -135,9 +139,10 @@ def write_points(
 ) -> tuple[int, str]:
     """Write the file with the points of all parts of a model; return its size in bytes and its SHA-256.
 
-    id : of the folder; origin : (3,) of the coordinates, world; report : called with the fraction done
-    columns : arrays or columns on disk by their names in the file: points.positions and optionally points.normals and
-        points.colors, then attributes and radii
+    id : hexadecimal number of the folder; origin : (3,), world position of the coordinates' origin
+    columns : arrays or columns on disk by their names in the file, which are "points.positions", optionally
+        "points.normals" and "points.colors", then attributes and radii
+    report : called with the fraction done
     """
     points = {name: column for name, column in columns.items() if name.startswith("points.")}
     write_arrays(folder / POINTS, POINTS_KIND, {"folder": id}, {**points, "points.origin": origin, **columns}, report)
@@ -149,8 +154,8 @@ def write_part(folder: Path, id: str, number: int, points: int, bounds: NDArray[
 
     The entry's spacing is the median of all radii, as if no points were drawn as spheres or discs.
 
-    id : of the folder; number : of the part, from 0
-    points : number of the part's own points; bounds : (2, 3) of these, world
+    id : hexadecimal number of the folder; number : number of the part, from 0
+    points : number of the part's own points; bounds : (2, 3), bounds of these points, world
     tree : over the part's splats and those of other parts that reach into it
     """
     path = folder / f"part-{number:04d}.pointray"
@@ -166,8 +171,9 @@ def write_part(folder: Path, id: str, number: int, points: int, bounds: NDArray[
 def write_level(folder: Path, id: str, part: int, number: int, level: Level) -> LevelFile:
     """Write the file of a level of detail of a part; return its entry for the index file.
 
-    id : of the folder; part : number of the part, from 0; number : of the level, 1 is the finest
-    level : its points, radii and tree
+    id : hexadecimal number of the folder
+    part : number of the part, from 0; number : number of the level, 1 for the finest
+    level : points, radii and tree of the level
     """
     path = folder / f"part-{part:04d}-{number}.pointray"
     model_file.write_model(path, [level], lambda share: None, {"folder": id, "part": part, "level": number})
@@ -302,7 +308,8 @@ def _read_points(folder: Path, index: Index) -> tuple[Points, NDArray[np.float32
 def read_part(folder: Path, index: Index, key: tuple[int, int], whole: Level, is_valid: bool = False) -> Level:
     """Read and validate the file of a part; return its tree, memory-mapped, with all points and radii of the model.
 
-    key : the part's number, and 0, which stands for the part itself; whole : all points, as `read_folder` returns them
+    key : number of the part, and 0, the level that stands for the part itself
+    whole : all points of the model, as `read_folder` returns them
     is_valid : whether the tree was validated before and is unchanged, so that this is not repeated
     """
     part = index.parts[key[0]]
@@ -324,7 +331,8 @@ def read_part(folder: Path, index: Index, key: tuple[int, int], whole: Level, is
 def read_level(folder: Path, index: Index, key: tuple[int, int], whole: Level, is_valid: bool = False) -> Level:
     """Read and validate the file of a part's level of detail; return its points, radii and tree, memory-mapped.
 
-    key : number of the part, and of the level, 1 is the finest; whole : all points, as `read_folder` returns them
+    key : number of the part, and number of the level, 1 for the finest
+    whole : all points of the model, as `read_folder` returns them; the level must have the same colours and attributes
     is_valid : whether the tree was validated before and is unchanged, so that this is not repeated
     """
     file = index.parts[key[0]].levels[key[1] - 1]

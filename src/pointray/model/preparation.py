@@ -445,9 +445,10 @@ def _describe_fit(found: Subsample, limit: float | None) -> str:
 
 
 def _model_of(points: Points, saved: Model | None, options: PreparationOptions, report: StageProgress) -> Model:
-    """Make a model of points.
+    """Build a model of prepared points.
 
-    saved : an existing model whose surface settings and drawing of scattered points it gets; None: as the options say
+    saved : an existing model whose surface settings and drawing of scattered points are reused; None: default settings,
+        and scattered points are drawn as the options say
     """
     settings = check_settings(SURFACE, 4, 1, AUTO) if saved is None else saved.settings
     drawing = options.storage.drawing if saved is None else saved.drawing

@@ -128,7 +128,7 @@ class Paints:
         """Return the index of each instance's paint, and the tables of all paints. Models on disk are not opened.
 
         A paint is a record that turns the values of an attribute into colours. Instances of one model that show the
-        same attribute share one; the paints of the model's levels of detail follow it.
+        same attribute share a paint. After the paint of a model come those of its levels of detail.
         """
         shown = self._find_ranges(colored)
         self.shown = list(shown.values())
@@ -163,10 +163,10 @@ class Paints:
         """Return the records of paints, and the map positions of the splats of some models, which are opened.
 
         A paint turns attribute values into colours; a map position is the place of a splat's value in the colour map.
-        The records say where those of each model begin.
+        The returned records say where in the map positions those of each model begin.
 
-        paints : (k * 8,), records of all paints; paint_sources : the attribute and model of each
-        painted : the attributes and models to compute map positions of
+        paints : (k * 8,), records of all paints; paint_sources : the attribute and model of each paint
+        painted : attributes and models whose map positions are computed and concatenated, in this order
         """
         found = self._join(painted)
         lengths = [len(model.tree.order) for _, model in painted]

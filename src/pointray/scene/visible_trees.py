@@ -44,7 +44,9 @@ def world_showing(
     Parameters
     ----------
     records : (n, INSTANCE) float64
-        The instances of the returned world. Their records refer to models by indices of `models`.
+        The instances of the returned world, which refer to models by indices of `models`.
+    models : sequence of Model
+        All models that instances may show.
     used : collection of int
         Indices of the models on disk to open; rays miss other models on disk.
     painting : (Paints, sequence of (Attribute, Model or None))

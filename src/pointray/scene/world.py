@@ -45,8 +45,8 @@ class BakedLight(Protocol):
     def tables(self, scene: Snapshot, levels: NDArray[np.int64]) -> tuple[NDArray[Any], NDArray[Any]]:
         """Return the tables in which kernels look up baked light: `World.baked` and `World.baked_frames`.
 
-        For each instance they hold the addresses of its irradiance and the irradiance, in W/m2, of a stored 1.0; for a
-        plane also the grid of cells that have one value each.
+        For each instance they hold the addresses of the arrays with its irradiance, and the factor that converts stored
+        values to W/m2. For a plane they also hold its grid of cells, each of which has one value.
 
         scene : the snapshot to render
         levels : (instances,), the level of detail that each instance shows; 0 is the model with all points
@@ -242,8 +242,9 @@ def _light_tables(
 ) -> LightTables:
     """Return the tables of lights that kernels read.
 
-    lamps : all lights but the environment light; sky, sky_mean : (20,) record of the environment light, and (27,)
-        irradiance from it as spherical harmonics
+    lamps : all lights but the environment light
+    sky : (20,), record of the environment light
+    sky_mean : (27,), irradiance from the environment light as spherical harmonics, 9 coefficients a colour
     bounds : (2, 3), world bounds of all models, from which the flux of suns and the sky into the scene is estimated
     """
     records = np.concatenate([*(light.record() for light in lamps), []])

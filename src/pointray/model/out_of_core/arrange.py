@@ -78,9 +78,10 @@ class Arrangement:
         made: dict[str, Column],
         free: NDArray[np.int64],
     ) -> None:
-        """Append the rows of a chunk to their parts in the new columns.
+        """Append consecutive rows of the old columns to the parts that they belong to, in the new columns.
 
-        chunk : rows of each column by name; row : number of the first one; cuts : planes that separate the parts
+        chunk : values of these rows by the name of the column; row : number of the first row
+        cuts : planes that separate the parts
         made : the new columns by name; free : (parts,) int64, the next free row of each part, which is updated
         """
         part = cuts.parts_of(chunk["positions"], row)

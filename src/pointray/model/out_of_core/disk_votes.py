@@ -60,16 +60,18 @@ class OnDiskVotes:
 
 
 def keep(columns: Columns, name: str, votes: Votes, pieces: int) -> Whole:
-    """Write votes to a new column on disk, as one table for each range of pieces; return where tables begin.
+    """Write votes to a new column on disk, as t tables one after the other; return the row at which each begins.
 
-    A vote states whether the normals of two pieces (connected points with consistent normals) agree.
+    A vote states whether the normals of two pieces (connected points with consistent normals) agree. A table holds the
+    votes whose lower piece is in one range of pieces.
 
-    votes : sorted by pairs of pieces; pieces : their number in the whole cloud
+    name : name of the column; votes : the votes, sorted by pairs of pieces
+    pieces : number of pieces in the whole cloud
 
     Returns
     -------
     (t + 1,) int64
-        First row of each table, then the number of rows.
+        First row of each table in the column, then the number of rows.
     """
     columns.fill(name, np.stack(votes, axis=1))
     tables = max(-(-pieces // PIECES), 1)

@@ -69,13 +69,14 @@ class Facing:
         return self._signs.examine(self._load(part, alone=True), part, firsts, shared[part])
 
     def _known_groups(self, firsts: Whole, known: Column, groups: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Return which groups of points contain normals known from scanner positions, and which of these to invert.
+        """Return which groups of points contain signs known from scanner positions, and which of these to invert.
 
-        A group is a connected set of points whose normals are consistent with each other. Both are (groups,) bool.
+        A group is a connected set of points whose normals are consistent with each other. Both results are masks,
+        (groups,) bool.
 
-        firsts : (parts + 1,) number of the first piece (points with reliable relative signs) of each part, then of all
-            pieces
-        known : column on disk, not 0 where the normal is known; groups : number of groups
+        firsts : (parts + 1,) number of the first piece (points with reliable relative signs) of each part, then the
+            number of pieces
+        known : column on disk, not 0 where the sign of the normal is known; groups : number of groups
         """
         counts, votes = np.zeros((2, groups))
         for part in range(self._work.parts):
@@ -97,11 +98,14 @@ class Facing:
 
 
 def near_in(cloud: Cloud, local: Local, core: slice | Whole, count: int) -> NDArray[np.int32]:
-    """Return the neighbours of some points of a part, (m, k) int32, each point itself first.
+    """Return the nearest neighbours of m points of a part, (m, k) int32, each point itself first.
 
-    cloud : whose current positions are used
-    local : rows of the part and its margin, which the neighbours are indices into
-    core : the m points, as indices into `local`: consecutive ones or an array; count : k, at most
+    Neighbours are indices into the points of `local`.
+
+    cloud : positions are those after moving second layers, if this was done
+    local : rows of the part and its margin, in which neighbours are searched
+    core : the m points, as a slice or an array of indices into `local`
+    count : k; if `local` has fewer points, k is their number
     """
     places = local.read(cloud.columns[cloud.latest(MERGED, POSITIONS)])
     tree = NeighborTree(places, in_order=True)
@@ -125,8 +129,9 @@ def _own(work: Work, part: int) -> Local:
 def turn_fits(work: Work, cloud: Cloud, has_planes: bool, span: Span) -> None:
     """Write the fitted normals of a cloud with consistent, outward signs to the column `FACED`, unless already done.
 
-    has_planes : whether signs are chosen for the normals of planes around noisy points, which the fitted ones follow
-    span : begin and end, as fractions of all work
+    has_planes : whether planes were fitted to noisy points; if so, signs are chosen for the normals of these planes,
+        and each fitted normal gets the sign with which it faces like the planes around it
+    span : begin and end of this stage, as fractions of all work
     """
     columns = work.columns
     if columns.get(FACED) is not None:
@@ -141,7 +146,8 @@ def turn_fits(work: Work, cloud: Cloud, has_planes: bool, span: Span) -> None:
 def _turn(work: Work, cloud: Cloud, has_planes: bool, part: int) -> None:
     """Write the fitted normals of a part with their signs to the column `FACED`.
 
-    has_planes : whether the signs are those of the normals of planes around the points, which the fitted ones follow
+    has_planes : whether the known signs are those of planes fitted to noisy points; if so, each normal gets the sign
+        with which it faces like the planes around it
     """
     columns, normals = work.columns, work.read(NORMALS, part)
     if has_planes:

@@ -42,9 +42,11 @@ SHOWN, TREES = 0.07, 0.6  # progress after boxes, and after trees; levels of det
 class WrittenParts(NamedTuple):
     """Parts of a model that are written to files: those of the surface, or those of points drawn as spheres or discs.
 
-    layer : their points, as given and as rays meet them
-    files : index entries of the parts; supports : bounding boxes of supports, (6,) each
-    longest : longest sampling step; median : median radius of a surface with levels of detail, else None
+    layer : points of the parts, as given and as rays meet them
+    files : entries of the parts in the index file
+    supports : boxes that together enclose all supports of the parts, (6,) each
+    longest : longest distance between a ray's samples; 0 for parts of spheres or discs
+    median : median support radius of a surface with levels of detail, else None
     """
 
     layer: Layer
@@ -86,7 +88,8 @@ def finish_surface(
 ) -> WrittenParts:
     """Write the files of the parts of a surface, and of their levels of detail; return what was written.
 
-    named : facts that all files contain; layer : splats of the full model; leveled : whether to write levels of detail
+    named : facts that all files contain; layer : splats of the full model
+    settings : of the tree; leveled : whether to write levels of detail
     span : begin and end of this stage, as fractions of all work
     """
     grown = within(span, 0.0, TREES if leveled else 1.0)
@@ -114,8 +117,10 @@ def finish_loose(
 
     These parts follow those of the surface.
 
-    layer : the scattered points; drawing : how they are drawn; surface : parts written before; None: no surface
-    leveled : whether to write levels of detail; span : begin and end, as fractions of all work
+    named : facts that all files contain
+    layer : the scattered points; drawing : whether these are drawn as spheres or discs, and a factor for their radii
+    surface : the parts of the surface, written before; None: no surface
+    leveled : whether to write levels of detail; span : begin and end of this stage, as fractions of all work
     """
     middle = (span[0] + span[1]) / 2
     parts, rows = ([], 0) if surface is None else (surface.files, surface.layer.total)
@@ -138,8 +143,10 @@ def finish(
 ) -> None:
     """Write the points of all parts and, last, the index file, which makes the folder a model.
 
-    all_written : parts of the surface, then of scattered points; settings : of the model, as JSON types
-    loose : number of scattered points (drawn as spheres or discs); report : called with the fraction done
+    named : facts that all files contain
+    all_written : the parts of the surface, then those of scattered points, whose files exist already
+    settings : of the model, as JSON types; loose : number of scattered points (drawn as spheres or discs)
+    report : called with the fraction done
     bounds : (2, 3) of the model, world; None: of the points of all parts
     """
     given = {
@@ -174,22 +181,23 @@ def _splats_of(layer: Layer) -> Splats:
 
 
 def _show(layer: Layer, size: int, part: int) -> tuple[Groups, NDArray[np.float32]]:
-    """Return what the trees of other parts need of a part: the bounds of each 64 blocks, and (6,) of all supports.
+    """Return the bounds of a part that the trees of other parts need: of each 64 blocks, and (6,) of all its supports.
 
-    size : splats of a part
+    layer : splats of all parts; size : number of splats of each part
     """
     return shown(_splats_of(layer), size, part)
 
 
 def _grow(named: ModelInfo, layer: Layer, plan: Plan, settings: TreeSettings, part: int) -> Facts:
-    """Build the tree of a part of a surface and write its file.
+    """Build the tree of a part of a surface and write it to the part's file.
 
+    named : facts that all files contain; layer : splats of all parts
     plan : values that the trees of all parts share
 
     Returns
     -------
     dict
-        file : index entry; longest : longest step between samples.
+        file : index entry of the part; longest : longest distance between a ray's samples.
     """
     tree, here = tree_of(_splats_of(layer), plan, part, settings), layer.read(GIVEN_POSITIONS, layer.own(part))
     file = write_part(named.folder, named.id, part, len(here), bounds_about(here, named.origin), tree)

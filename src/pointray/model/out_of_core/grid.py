@@ -28,19 +28,20 @@ class Grid:
 
 
 def cells_of_part(layer: Layer, grid: Grid, part: int, sides: bool = True) -> tuple[Rows, Groups] | None:
-    """Return the groups of splats in a cell of a grid that are merged into one splat of a part.
+    """Group the splats in each cell of a grid; return the groups of a part, each to be merged into one splat.
 
-    A part owns the groups whose first splat belongs to it; the other splats may belong to other parts.
+    A group belongs to the part of its first splat; its other splats may be those of other parts. None is returned if
+    the part has no group.
 
-    layer : splats of all parts; sides : whether splats in a cell that face different main directions form different
-        groups
+    layer : splats of all parts
+    sides : whether splats in a cell whose normals have different main directions form different groups
 
     Returns
     -------
     rows : (n,) int64, ascending
-        The part's splats, and those of other parts that share cells with them.
+        Rows of the part's splats, and of those of other parts that share cells with them.
     groups : Groups
-        Groups of these rows. None instead of both: the part owns no group.
+        The part's groups, as indices into `rows`.
     """
     if not layer.sizes[part]:
         return None

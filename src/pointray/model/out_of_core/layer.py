@@ -179,20 +179,21 @@ class Layer:
         wide: Floats | None,
         keep: Callable[[slice], NDArray[np.bool_]],
     ) -> Rows:
-        """Find the rows of splats near some boxes, ascending, without reading all splats.
+        """Return the rows, ascending, of the splats that `keep` selects, testing only those near some boxes.
 
-        A tile is here a range of 4,096 consecutive splats of a part, whose bounding box is known.
+        A tile is here a range of 4,096 consecutive splats of a part, whose bounding box is known. Splats of tiles that
+        do not overlap any of the boxes are not read.
 
         Parameters
         ----------
         part : int, optional
-            Skip the rows of this part.
+            Part whose splats are left out, such as the one that the boxes surround.
         boxes : (m, 6) float32
-            Only tiles that overlap one of these are read.
+            Boxes, low x y z, high x y z.
         wide : (parts,) float32, optional
-            Enlargement of the tiles of each part.
+            Distance by which the tiles of each part are enlarged on all sides before the test for overlap.
         keep : callable
-            Called with a range of rows; returns a mask of those to keep.
+            Called with ranges of rows in tiles that overlap; returns a mask of the rows to return.
         """
         found = [np.zeros(0, np.int64)]
         for rows in self._touched(part, boxes, wide):

@@ -97,13 +97,13 @@ def show_part(layer: Layer, part: int) -> Facts:
 def coarsen_part(fine: Layer, coarse: Layer, grid: Grid, categories: list[str], part: int) -> Facts:
     """Write the splats of a part's next level of detail: means of the splats in each grid cell that face the same way.
 
-    fine : splats of the finer level; coarse : the level, which is written
-    categories : the columns of attributes that have categories, of which the most common one is kept
+    fine : splats of the finer level, which are averaged; coarse : the next level, which is written
+    categories : names of the columns of attributes with categories, which get the most common one instead of a mean
 
     Returns
     -------
     dict
-        size : number of splats; low, high : corners of their bounding box.
+        size : number of splats; low, high : corners of their bounding box, missing without splats.
     """
     cells = cells_of_part(fine, grid, part)
     if cells is None:
@@ -134,14 +134,16 @@ def survey_supports(layer: Layer, cell: float) -> dict[str, float]:
 
 
 def support_part(layer: Layer, cell: float, known: dict[str, float], part: int) -> Facts:
-    """Find the support radii of a part's splats at a level of detail, and write them, open borders and close sheets.
+    """Find the support radii, open borders and close sheets of a part's splats at a level; write them to its columns.
 
-    cell : edge of the level's grid; known : statistics of the level
+    layer : the level of detail; cell : edge of the level's grid
+    known : statistics of the whole level by name, from which radii are chosen in all parts
 
     Returns
     -------
     dict
-        longest : largest radius; supports : (6,) bounds of the supports
+        longest : largest support radius
+        supports : (6,) box around the supports, missing without splats
         borders : whether there are open borders
         sheets : number of splats with an opposite sheet close by
     """
@@ -170,8 +172,9 @@ def support_part(layer: Layer, cell: float, known: dict[str, float], part: int) 
 def _supports(layer: Layer, rows: Rows, cell: float, known: dict[str, float], sample: Rows | None = None) -> Support:
     """Return the support radii, open borders and close sheets of some splats of a level of detail, in the rows' order.
 
-    cell : edge of the level's grid, the lower limit of the radii
-    known : statistics of the level by name; sample : rows that they are computed from; None: they are complete
+    rows : rows of the splats; cell : edge of the level's grid, by which radii have a lower limit
+    known : statistics of the whole level by name, from which radii are chosen
+    sample : rows from which `known` is filled; None: `known` is filled already
     """
     positions = layer.read(POSITIONS, rows)
     order = kd_order(positions)
@@ -206,17 +209,20 @@ def tree_part(
     written: list[LevelProgress | None],
     part: int,
 ) -> Facts:
-    """Write the file of a part's level of detail, unless it is not wanted or has no surface.
+    """Build the tree of a part's level of detail and write the level's file.
 
-    It is not written either if its median radius is less than that of the part's previous level.
+    No file is written if `written` says so, if the level has no surface, or if its median radius is less than that of
+    the part's previous level.
 
-    layer : splats of all parts; cells : (parts, 6) the space of each part; whole : values shared with other trees
-    written : levels written of each part so far, None where no further level is wanted
+    layer : splats of the level in all parts; cells : (parts, 6), the box of space that belongs to each part
+    whole : values that the trees of all parts share; named : facts that all files contain
+    written : for each part its levels written so far, or None if this level of the part is not to be written
 
     Returns
     -------
     dict
-        file : index entry, None if nothing was written; reach : (2, 3) bounds of the surface.
+        file : index entry of the level, None if no file was written
+        reach : (2, 3) bounds of the surface; missing if no file was written
     """
     before = written[part]
     rows = None if before is None else _reaching(layer, cells[part], whole, longest_step(LEVEL_SAMPLES))
@@ -261,9 +267,10 @@ def points_at(layer: Layer, rows: slice | Rows, named: ModelInfo) -> Points:
 
 
 def _reaching(layer: Layer, cell: NDArray[np.float64], whole: SharedValues, step: float) -> Rows:
-    """Return the rows of the splats whose supports reach into a box, or within a sampling step of it.
+    """Return the rows of the splats of a level whose supports reach into a box, or come within one sampling step of it.
 
-    cell : (6,) the box; whole : largest radius of each part; step : length of a step in radii
+    cell : (6,), the box: low x y z, high x y z; whole : values of all parts, of which the largest radii are used
+    step : length of a sampling step, in radii of the splats in the box
     """
 
     def reach(around: float) -> Rows:

@@ -32,14 +32,17 @@ COARSENED, SUPPORTED = 0.3, 0.6  # progress within a level
 
 
 class Steps(NamedTuple):
-    """Steps that make each level of detail; those of a surface differ from those of points drawn as spheres or discs.
+    """Functions that make a level of detail: others for a surface than for points drawn as spheres or discs.
 
-    cell : edge of the grid cells that would correspond to the full model; it is doubled for each level
+    cell : grid cell edge that would correspond to the full model; level 1 is made with twice this edge, level 2 with
+        four times, and so on
     names : names of the attributes
-    make_columns : creates the columns of a level on disk; called with the finer level and the level
-    coarsen : writes the splats of a part's level from the finer one, like `coarsen_part`
-    shape : writes the files of a level, (level, cell, levels written of each part, span) -> facts of each part
-    others : surface bounds of other parts of the model, (2, 3) each, or None
+    make_columns : creates the columns of a level on disk; called with the finer level and the new level
+    coarsen : writes the splats of one part of a level, averaged from the finer level, like `coarsen_part`
+    shape : writes the files of a level; called with the level, the edge of its grid cells, the levels written of each
+        part so far and the span of progress; returns facts about each part
+    others : surface bounds, (2, 3) or None, of parts of the model that get no levels here; the bounds of coarse levels
+        are clipped to the bounds of all parts together, including these
     """
 
     cell: float
@@ -77,14 +80,17 @@ def write_levels(
 
 
 def write_all_levels(work: Work, whole: Layer, steps: Steps, parts: list[PartFile], span: Span) -> list[PartFile]:
-    """Write levels of detail, each from the finer one, while any part has at least 700 splats in it.
+    """Write the files of all levels of detail, each made from the finer level.
 
-    whole : splats of the full model; steps : what makes a level; span : begin and end, as fractions of all work
+    The last level is the coarsest in which any part has at least 700 splats.
+
+    whole : splats of the full model; steps : functions that make a level
+    parts : index entries of the parts, without levels; span : begin and end of this stage, as fractions of all work
 
     Returns
     -------
     list of PartFile
-        The index entries `parts` of the parts, with their levels and the bounds of all levels.
+        The entries `parts` with their levels, and with surface bounds (`reach`) that include the levels.
     """
     columns, fine = work.columns, whole
     span = within(span, SHOWN, 1.0)
@@ -127,10 +133,11 @@ def write_all_levels(work: Work, whole: Layer, steps: Steps, parts: list[PartFil
 
 
 def _coarsened(work: Work, layers: tuple[Layer, Layer], grid: Grid, steps: Steps, span: Span) -> list[Facts]:
-    """Write the splats of a level of detail for all parts, from the finer level.
+    """Write the splats of a level of detail for all parts, merged from those of the finer level.
 
-    layers : the finer level, and the level; grid : in whose cells splats are merged
-    span : begin and end of the level, as fractions of all work
+    layers : the finer level, which is read, and the new level, which is written
+    grid : cells in which splats are merged; steps : functions that make a level
+    span : begin and end of the work on this level, as fractions of all work
 
     Returns
     -------
@@ -158,14 +165,15 @@ def _shaped(
 ) -> list[Facts]:
     """Find the support radii of a level of detail of a surface, and write its files.
 
-    layer : splats of the level; cell : edge of its grid; cells : (parts, 6) space of each part
-    written : levels written of each part so far, None where no further level is wanted
-    span : begin and end of the level, as fractions of all work
+    layer : splats of the level; cell : edge of the cells of the level's grid
+    named : facts that all files contain; cells : (parts, 6), the box of space that belongs to each part
+    written : for each part its levels written so far, or None if this level of the part is not to be written
+    span : begin and end of the work on this level, as fractions of all work
 
     Returns
     -------
     list of dict
-        One for each part. file : index entry, None if nothing was written; reach : (2, 3) bounds of the surface.
+        One for each part. file : index entry, None if no file was written; reach : (2, 3) bounds of the surface.
     """
     columns, stage = work.columns, f"level-{layer.number}"
     known = columns.get_or_put(f"{stage}-usual", lambda: level_steps.survey_supports(layer, cell))
@@ -232,10 +240,12 @@ def median_of(layer: Layer, columns: Columns) -> float:
 
 
 def _widened(reaches: list[list[Any]], others: Sequence[Any] = ()) -> list[Any]:
-    """Return the surface bounds of each part over all its levels, limited to those of the full parts together.
+    """Return the surface bounds of each part over all its levels, clipped to the bounds of all full parts together.
 
-    reaches : for each part its bounds, then those of its levels, (2, 3) each; None: no surface
-    others : surface bounds of further parts, or None
+    Coarse levels extend beyond the full model, where their surface is not shown.
+
+    reaches : for each part the bounds of the full part, then of its levels, (2, 3) each; None: no surface
+    others : bounds of further full parts, (2, 3) or None, which only enlarge the box to which results are clipped
     """
     finest = np.array([box for box in (*(boxes[0] for boxes in reaches), *others) if box is not None])
     if not len(finest):

@@ -112,12 +112,14 @@ def _rows_of(tiles: Rows, count: int) -> Rows:
 
 
 def _margin(boxes: Floats, part: Rows, positions: Floats, reach: float) -> Rows:
-    """Return the tiles (ranges of 4,096 points in kd order) around a part, and those beside each of its ranges.
+    """Return the numbers of the tiles (ranges of 4,096 points in kd order) that form the margin around a part.
 
-    The latter are needed to interpolate noise along the kd order.
+    These are the tiles close to the part's points, and the tiles before and after the part's own in kd order, along
+    which noise is interpolated. The part's own tiles are not returned.
 
-    boxes : (tiles, 6) bounding boxes; part : tiles of the part; positions : of its points
-    reach : width of the margin, in diagonals of the boxes around each 64 consecutive points
+    boxes : (tiles, 6), bounding boxes of all tiles; part : numbers of the part's tiles
+    positions : of the part's points
+    reach : width of the margin around each 64 consecutive points, in diagonals of their bounding box
     """
     low, high = _widened(positions, reach)
     others = np.setdiff1d(np.arange(len(boxes)), part)
@@ -142,9 +144,11 @@ def touched(boxes: Floats, low: Floats, high: Floats) -> NDArray[np.bool_]:
 
 
 def _widened(positions: Floats, reach: float) -> tuple[Floats, Floats]:
-    """Return boxes around each 64 consecutive positions, as low and high corners, (k, 3) each.
+    """Return enlarged boxes around each 64 consecutive positions, as low and high corners, (k, 3) each.
 
-    The outermost 3 points along each axis are skipped. reach : enlargement on each side, in diagonals of the box
+    The outermost 3 points at each end of each axis are skipped.
+
+    reach : distance by which a box is enlarged on each side, in diagonals of the box
     """
     whole = len(positions) // GROUP * GROUP
     groups = positions[:whole].reshape(-1, GROUP, 3) if whole else positions[None]

@@ -35,9 +35,10 @@ from .work import Facts, Span, Work, within
 class LooseParts:
     """Scattered points (those on no surface, drawn as spheres or discs) of all parts of a model.
 
-    layer : Layer, number 0: positions, directions (as normals), radii, and optionally colours and attributes
-    drawing : Drawing, spheres or discs
-    first_part, first_row : number of parts and rows before them in the folder, which belong to the surface
+    layer : the points at full detail, with positions, radii, optionally colours and attributes, and as normals the
+        directions in which the spheres or discs face
+    drawing : spheres or discs, and a factor for their radii
+    first_part, first_row : number of the parts and of the points of the surface, which come first in the folder
     """
 
     layer: Layer
@@ -78,7 +79,8 @@ def write_loose_levels(
     Parameters
     ----------
     surface : (float or None, list of PartFile)
-        Median radius of the model's surface, and its parts; None and an empty list if there is no surface.
+        Median radius of the model's surface, which decides on the grid cells of the levels, and the parts of the
+        surface; None and an empty list if there is no surface.
     parts : list of PartFile
         Index entries of the scattered points' parts without levels.
     span : (float, float)
@@ -107,13 +109,13 @@ def spacing_in(loose: LooseParts, columns: Columns) -> float:
 def coarsen_loose_part(fine: Layer, coarse: Layer, grid: Grid, categories: list[str], part: int) -> Facts:
     """Write the next level of detail of a part of scattered points: one sphere or disc for those in each grid cell.
 
-    fine : points of the finer level; coarse : the level, which is written
-    categories : the columns of attributes that have categories, of which the most common one is kept
+    fine : points of the finer level, which are averaged; coarse : the next level, which is written
+    categories : names of the columns of attributes with categories, which get the most common one instead of a mean
 
     Returns
     -------
     dict
-        size : number of points; low, high : corners of their bounding box.
+        size : number of points; low, high : corners of their bounding box, missing without points.
     """
     cells = cells_of_part(fine, grid, part, sides=False)
     if cells is None:
@@ -132,15 +134,19 @@ def coarsen_loose_part(fine: Layer, coarse: Layer, grid: Grid, categories: list[
 def _write_loose_level(
     layer: Layer, loose: LooseParts, cell: float, named: ModelInfo, written: list[LevelProgress | None], part: int
 ) -> Facts:
-    """Write the file of a level of detail of a part of scattered points, unless it is not wanted or empty.
+    """Build the tree of a level of detail of a part of scattered points and write the level's file.
 
-    layer : points of the level; loose : those of the full model; cell : edge of the level's grid
-    written : levels written of each part so far, None where no further level is wanted
+    No file is written if `written` says so, or if the part has no points in the level.
+
+    layer : points of the level; loose : the scattered points of the full model
+    cell : edge of the cells of the level's grid; named : facts that all files contain
+    written : for each part its levels written so far, or None if this level of the part is not to be written
 
     Returns
     -------
     dict
-        file : index entry, None if nothing was written; reach : (2, 3) bounds of its spheres or discs.
+        file : index entry of the level, None if no file was written
+        reach : (2, 3) bounds of its spheres or discs; missing if no file was written
     """
     before, own = written[part], layer.own(part)
     if before is None or own.start == own.stop:

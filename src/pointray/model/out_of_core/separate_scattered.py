@@ -55,7 +55,8 @@ class Shaping(NamedTuple):
 
         The direction of a sphere points away from its neighbours; that of a disc is its normal.
 
-        statistics : of the whole cloud; mask : (n,) points to compute, others are invalid; None: all
+        local : rows of the n points of the part and its margin; statistics : of the whole cloud
+        mask : (n,), the points to compute; the results of other points are invalid; None: all
         """
         points = cloud.points(local)
         ordering = ordering_of(points.positions)
@@ -71,9 +72,10 @@ def number_rows(columns: Columns, count: int) -> None:
 
 
 def separate(work: Work, cloud: Cloud, names: Sequence[str], shaping: Shaping, span: Span) -> tuple[int, int]:
-    """Find the scattered points, which lie on no surface, and move all points into columns of `SURFACE` or `LOOSE`.
+    """Find the scattered points, which lie on no surface, and move all points to the folders `SURFACE` and `LOOSE`.
 
-    If none are scattered the columns are unchanged; scattered points that are not drawn are dropped.
+    Each folder gets the columns of its points. If no points are scattered, nothing is moved; scattered points that are
+    not drawn are dropped.
 
     Parameters
     ----------
@@ -151,10 +153,12 @@ def _shape(work: Work, cloud: Cloud, shaping: Shaping, statistics: CloudStatisti
 
 
 def _put_apart(work: Work, total: int, names: Sequence[str], is_shown: bool, span: Span) -> None:
-    """Copy each column on disk to one of the surface's points and one of the scattered points, and remove it.
+    """Divide each column on disk into a column of the surface's points and a column of the scattered points.
 
-    total : number of points; names : of the columns; is_shown : whether scattered points are drawn, else they are
-        dropped
+    The old columns are removed.
+
+    total : number of all points; names : names of the columns to divide
+    is_shown : whether scattered points are drawn; if not, they are dropped
     span : begin and end of this stage, as fractions of all work
     """
     columns, report = work.columns, work.watch(span)
@@ -177,9 +181,10 @@ def _put_apart(work: Work, total: int, names: Sequence[str], is_shown: bool, spa
 
 
 def _put_back(work: Work, total: int, name: str, surface: Columns) -> None:
-    """Write a column of the surface's points in the order of the files, from one in kd order.
+    """Read a column of all points in kd order, and write the surface's points among them in the order of the files.
 
-    total : number of points; name : of the column; surface : columns of the surface's points, which get the new one
+    total : number of all points; name : name of the column to read
+    surface : columns of the surface's points, to which the new column is added
     """
     columns, size = work.columns, work.size
     source = columns[name]

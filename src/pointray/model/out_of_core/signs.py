@@ -169,13 +169,14 @@ class Signs:
         return shared
 
     def examine(self, local: Local, part: int, firsts: Whole, shared: Shared) -> Outlook:
-        """Find which groups of a part face inward; return a sample of points of groups that extend into other parts.
+        """Return which groups within a part face inward, and a sample of the points of groups that leave the part.
 
         A piece is a set of points with reliable relative signs, a group a set of connected pieces with consistent
         signs.
 
-        firsts : (parts + 1,) first piece of each part, then the number of pieces; shared : groups that lie in other
-            parts too
+        local : positions and normals of the part's points; firsts : (parts + 1,) first piece of each part, then the
+            number of pieces
+        shared : groups of the part that lie in other parts too
         """
         piece, signs, group = self._labels(part, firsts)
         groups, each = np.unique(group, return_inverse=True)

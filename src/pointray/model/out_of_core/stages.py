@@ -49,13 +49,13 @@ THICK, PARTED = "thick", "parted"  # whether a point may be near two sheets; nor
 class Cloud:
     """A cloud on disk, in kd order.
 
-    columns : Columns
-    total : int, number of points
+    columns : the columns on disk; total : number of points
     origin : (3,) float64, world position of the coordinates' origin
-    georeference : Georeference
-    viewpoint_columns : dict of str to str, the column on disk of each attribute that holds the scan of each point
+    georeference : with the positions of the scanner stations, if known
+    viewpoint_columns : for each attribute that says from which station a point was scanned, the name of its column on
+        disk
     is_seen : whether any point has a known viewpoint (scanner position)
-    ignored : numbers of scanner stations whose positions are not used, as the points contradict them
+    ignored : numbers of the stations whose positions are not used, as the points contradict them
     """
 
     columns: Columns
@@ -100,9 +100,10 @@ class Surface(NamedTuple):
 
     positions, normals : (n, 3) float32, unit normals
     noise : (n,) float32, standard deviation of the noise that was removed; None: nothing was removed
-    planes : (n, 3) float32 each, positions moved onto planes around noisy points, and the planes' normals, for signs
-    known : (n,) bool, whether the viewpoint is known; None: none is known
-    repaired : number of missing normals, and of normals of another length
+    planes : positions moved onto planes fitted to the noisy points around them, and normals of these planes, (n, 3)
+        float32 each; signs of normals are found from both; None: no planes were fitted
+    known : (n,) bool, whether the viewpoint (scanner position) is known; None: none is known
+    repaired : number of missing normals, and number of normals that did not have unit length
     thick : (n,) bool, which points may be near two sheets; None: not computed
     """
 
@@ -142,9 +143,11 @@ def merge(cloud: Cloud, local: Local, statistics: CloudStatistics) -> Floats:
 
 
 def examine(cloud: Cloud, local: Local) -> NoiseRanges:
-    """Measure the noise in ranges of a part's points along the kd order.
+    """Return the noise measured in ranges of a part's points along the kd order.
 
-    The places of the ranges are rows of the whole cloud.
+    The field `places` of the result says where ranges lie, as rows of the whole cloud.
+
+    local : rows of the part and its margin; only ranges in the part itself are returned
     """
     points = cloud.points(local)
     ordering = ordering_of(points.positions)
@@ -156,10 +159,12 @@ def examine(cloud: Cloud, local: Local) -> NoiseRanges:
 
 
 def place(cloud: Cloud, local: Local, sigma: str | float, ranges: NoiseRanges | None) -> Surface:
-    """Return the surface at points with normals: noise is removed from their positions, and normals have unit length.
+    """Return the surface at the points of a part and its margin, if the points have normals.
 
-    sigma : standard deviation of the noise, or "auto"; ranges : noise along the kd order of the cloud; None: given by
-        sigma
+    Noise is removed from the positions, and normals are scaled to unit length.
+
+    local : rows of the part and its margin; sigma : standard deviation of the noise, or "auto"
+    ranges : noise measured along the kd order of the whole cloud; None: `sigma` is the noise
     """
     points = cloud.points(local)
     repaired = _units_of(cloud, local, points)
@@ -182,12 +187,13 @@ def survey_fits(cloud: Cloud, local: Local, statistics: CloudStatistics) -> None
 def fit(
     cloud: Cloud, local: Local, sigma: str | float, ranges: NoiseRanges | None, statistics: CloudStatistics
 ) -> Surface:
-    """Return the surface at points without normals: noise is removed from their positions, and normals are fitted.
+    """Return the surface at the points of a part and its margin, if the points have no normals.
 
-    Signs of normals are known only where viewpoints are.
+    Noise is removed from the positions, and normals are fitted. Their signs are known only for points with a known
+    viewpoint (scanner position).
 
-    sigma : standard deviation of the noise, or "auto"; ranges : noise along the kd order of the cloud; None: given by
-        sigma
+    local : rows of the part and its margin; sigma : standard deviation of the noise, or "auto"
+    ranges : noise measured along the kd order of the whole cloud; None: `sigma` is the noise
     statistics : of the whole cloud
     """
     points = cloud.points(local)
@@ -217,9 +223,10 @@ def units(cloud: Cloud, local: Local) -> Surface:
 
 
 def _eyes_of(cloud: Cloud, points: Points) -> tuple[Floats | None, NDArray[np.bool_] | None]:
-    """Return the viewpoint of each point, (n, 3) relative to the origin, NaN where unknown, and a mask of known ones.
+    """Return the viewpoint (scanner position) of each of n points, and a mask of the points whose viewpoint is known.
 
-    Returns None twice if no point of the cloud has a viewpoint.
+    Viewpoints are (n, 3), relative to the points' origin, NaN where unknown. None is returned twice if no point of the
+    cloud has a viewpoint, and None with a mask of False if only the n points have none.
     """
     if not cloud.is_seen:
         return None, None
@@ -254,7 +261,9 @@ def support(
 ) -> Support:
     """Return the support radii of a part's points and its margin, with their open borders and close sheets.
 
-    given : (n,) float32, their radii; None: chosen from the spacing; statistics : of the whole cloud
+    local : rows of the n points of the part and its margin
+    given : (n,) float32, support radii to use; None: radii are chosen from the spacing
+    settings : decide whether borders and sheets are searched; statistics : of the whole cloud
     """
     positions, normals = (local.read(cloud.columns[name]) for name in (PLACED, cloud.normals))
     automatic = settings.overhang < np.inf

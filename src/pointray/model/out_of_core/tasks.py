@@ -51,7 +51,9 @@ class Supporting(NamedTuple):
 
 
 def move_layers(work: Work, cloud: Cloud, statistics: CloudStatistics, part: int) -> None:
-    """Move second layers of a part, such as those of misaligned scans, onto one surface; write the positions to disk.
+    """Move second layers of a part, such as those of misaligned scans, onto one surface.
+
+    The new positions of the part's points are written to the column `MERGED`.
 
     statistics : of the whole cloud
     """
@@ -60,7 +62,7 @@ def move_layers(work: Work, cloud: Cloud, statistics: CloudStatistics, part: int
 
 
 def measure_noise(work: Work, cloud: Cloud, part: int) -> Facts:
-    """Measure the noise in ranges of a part's points along the kd order.
+    """Return the noise measured in ranges of a part's points along the kd order.
 
     Returns
     -------
@@ -72,7 +74,7 @@ def measure_noise(work: Work, cloud: Cloud, part: int) -> Facts:
 
 
 def find_surface(work: Work, cloud: Cloud, measure: Measure, part: int) -> Facts:
-    """Find the surface at a part's points and write it to disk: denoised positions, normals, noise.
+    """Find the surface at a part's points; write denoised positions, normals and noise to columns on disk.
 
     measure : how noise is known, and whether normals are fitted
 
@@ -82,8 +84,9 @@ def find_surface(work: Work, cloud: Cloud, measure: Measure, part: int) -> Facts
         is_noisy : whether noise was removed
         has_planes : whether planes were fitted to noisy points, for signs of normals
         mended : numbers of missing normals and of normals of another length
-        thick, low, high : if normals were fitted without viewpoints, the number of points that may be near two sheets,
-            and corners of the bounding box
+        thick : number of points that may be near two sheets
+        low, high : corners of the bounding box
+        These three are missing unless normals were fitted without viewpoints (scanner positions).
     """
     local = work.local(part)
     sigma, ranges, statistics = measure
@@ -100,14 +103,14 @@ def find_surface(work: Work, cloud: Cloud, measure: Measure, part: int) -> Facts
 
 
 def find_supports(work: Work, cloud: Cloud, supporting: Supporting, statistics: CloudStatistics, part: int) -> Facts:
-    """Find the support radii of a part's points, and write them, open borders and close sheets to disk.
+    """Find the support radii, open borders and close sheets of a part's points; write them to columns on disk.
 
-    supporting : whether radii are given; statistics : of the whole cloud
+    supporting : given radii, if any, and settings of the surface; statistics : of the whole cloud
 
     Returns
     -------
     dict
-        borders, sheets : whether there are any
+        borders, sheets : whether borders were searched; whether a point has an opposite sheet close by
         lone : number of isolated points
         tight : whether many radii are too small to cover the surface
     """

@@ -53,9 +53,9 @@ class Around(NamedTuple):
     """A part with its margin (surrounding points), and the neighbours of some of its own points.
 
     local : rows of the n points of the part and its margin
-    rows : (m,) int64, indices of some of the part's own points among the n
+    rows : (m,) int64, which of the n points the neighbours are known of
     positions, normals : (n, 3) float32
-    near : (n, k) int32, of these m points only, each itself first; 0 elsewhere
+    near : (n, k) int32, neighbours of these m points as indices among the n, the point itself first; 0 for other points
     """
 
     local: Local
@@ -124,14 +124,15 @@ class ThinSheets:
         return True
 
     def _write_top(self, each: Any, field: Field) -> None:
-        """Write the tree over all tiles of 4,096 points, by which winding numbers summarize distant points.
+        """Write to a column the tree over all tiles of 4,096 points, by which winding numbers summarize distant points.
 
-        each : calls a function for each part and returns the results; field : state of the points
+        each : calls a function with the number of each part and returns the results
+        field : state of the points, by which the column is named
         """
         self._work.columns.fill(field.top, top_of(np.concatenate(each(partial(self._roots, field)))))
 
     def _measure(self, part: int) -> None:
-        """Write the spacing (square root of the area per point) of each point of a part."""
+        """Write the spacing (square root of the area per point) of each point of a part to the column `SPACING`."""
         local = self._work.local(part)
         positions = self._frame.of(local.read(self._work.columns[PLACED]))
         near = near_in(self._cloud, local, local.core, NEAR)
@@ -153,7 +154,8 @@ class ThinSheets:
 
         The winding number is 1 inside a closed surface and 0 outside.
 
-        field : state of the points that it is computed from; rows : of the m points in the cloud; step : in spacings
+        field : state of the points from which winding numbers are computed; rows : rows of the m points in the cloud
+        step : length of the step, in spacings of the point
         """
         tiles = -(-self._cloud.total // TILE)
         return Winding(self._work.columns[field.top][:], tiles, partial(self._read, field)).around(rows, step)
@@ -163,12 +165,16 @@ class ThinSheets:
         return roots_of(self._read(field, np.arange(part_rows.start // TILE, -(-part_rows.stop // TILE))))
 
     def _sample(self, part: int) -> tuple[Floats, Floats]:
-        """Return the winding numbers around the sampled points of a part, which show whether the cloud has an inside.
+        """Return winding numbers around m sampled points of a part, which show whether the cloud has an inside.
+
+        The winding number is 1 inside a closed surface and 0 outside.
 
         Returns
         -------
-        near, far : (m, 2) float32
-            In front of and behind each point, one spacing away and 1.5 spacings away.
+        near : (m, 2) float32
+            One spacing in front of each point, and one spacing behind.
+        far : (m, 2) float32
+            1.5 spacings in front of each point, and behind.
         """
         rows, part_rows = sheets.sample_of(self._cloud.total), self._work.part_rows(part)
         rows = rows[(rows >= part_rows.start) & (rows < part_rows.stop)]
@@ -230,9 +236,10 @@ class ThinSheets:
         return Around(local, mine, self._frame.of(local.read(columns[PLACED])), local.read(columns[FACED]), near)
 
     def _turn(self, field: Field, part: int) -> bool:
-        """Write which of a part's marked points are flipped, by their winding numbers and the side of the other sheet.
+        """Decide which marked points of a part are flipped; write 1 for each of them to the column `TURNS`.
 
-        The winding numbers are stored. Returns whether the part has any marked points, which may be near two sheets.
+        Marked points may be near two sheets. Their winding numbers and the side of the other sheet decide; the winding
+        numbers are stored. Returns whether the part has any marked points.
         """
         rows = np.flatnonzero(self._suspects(part))
         numbers = self._around(field, rows + self._work.part_rows(part).start)
@@ -242,9 +249,10 @@ class ThinSheets:
         return len(rows) > 0
 
     def _weigh(self, field: Field, part: int) -> None:
-        """Write how much closer to 0 or 1 flipping has brought the winding numbers of a part's marked points.
+        """Write how much closer to 0 or 1 flipping has brought the winding numbers around each marked point of a part.
 
-        Marked are those that may be near two sheets. Also write for which points the numbers do not decide.
+        Marked points may be near two sheets. The results are written to the column `GAIN`. The column `UNSURE` gets a 1
+        for points whose winding numbers do not decide whether to flip them.
         """
         gain, rows = self._zeros(part, np.float32), np.flatnonzero(self._suspects(part))
         before = self._work.columns[f"{NUMBERS}-{part:04d}"][:]
@@ -254,7 +262,7 @@ class ThinSheets:
         self._write_flags(UNSURE, part, rows[sheets.is_unsure(before, after)])
 
     def _turn_back(self, part: int) -> None:
-        """Write which flipped points of a part are flipped back.
+        """Decide which flipped points of a part are flipped back; write 1 for each of them to the column `BACK`.
 
         A point is flipped back if all flips have brought the winding numbers around it and its neighbours, in total, no
         closer to 0 or 1.
@@ -264,9 +272,10 @@ class ThinSheets:
         self._write_flags(BACK, part, turned[local.read(self._work.columns[GAIN])[near[mine]].sum(axis=1) <= 0])
 
     def _vote(self, part: int) -> None:
-        """Write which undecided points of a part are flipped, as they contradict their neighbours' normals.
+        """Find undecided points of a part that contradict their neighbours' normals; write 1 for each to `VOTED`.
 
-        Undecided are those whose winding numbers do not decide, and those flipped back.
+        Undecided are points whose winding numbers do not decide, and points flipped back. Points with a 1 in the column
+        are flipped.
         """
         columns = self._work.columns
         unsure = np.flatnonzero(self._work.read(UNSURE, part) | self._work.read(BACK, part))

@@ -32,10 +32,10 @@ BINS = 1 << 16  # of the upper half of a float's bits, and of the lower half
 class Plan(NamedTuple):
     """Values that the trees of all parts share, so that together they equal the tree of the whole model.
 
-    size : splats of a part, a power of two, at least `least_size`
+    size : number of splats of each part, a power of two; the last part may have fewer
     groups : bounds of each 64 consecutive blocks of the whole model
-    supports : (6,) float32, bounds of all supports
-    reference : radius; steps are powers of two times it
+    supports : (6,) float32, box around all supports; the samples along a ray start where the ray enters this box
+    reference : a support radius; distances between samples are those for this radius times powers of two
     """
 
     size: int
@@ -50,9 +50,9 @@ def least_size(count: int) -> int:
 
 
 def shown(splats: Splats, size: int, part: int) -> tuple[Groups, NDArray[np.float32]]:
-    """Return what other parts need of a part: the bounds of each 64 consecutive blocks, and (6,) of all its supports.
+    """Return the bounds of a part that the trees of other parts need: of each 64 blocks, and (6,) of all its supports.
 
-    splats : of all parts; fields may be columns on disk; size : splats of a part
+    splats : splats of all parts, whose fields may be columns on disk; size : number of splats of each part
     """
     mine = part_of(splats, slice(part * size, min((part + 1) * size, len(splats.radii))))
     order = np.arange(len(mine.radii), dtype=np.int32)
@@ -60,10 +60,10 @@ def shown(splats: Splats, size: int, part: int) -> tuple[Groups, NDArray[np.floa
 
 
 def plan_of(parts: list[tuple[Groups, NDArray[np.float32]]], radii: Any, size: int) -> Plan:
-    """Return the values that the trees of all parts share.
+    """Return the values that the trees of all parts share, from the bounds of each part and the radii of all splats.
 
-    parts : for each part the bounds of its groups of 64 blocks, and (6,) of all its supports
-    radii : of all splats, an array or a column on disk; size : splats of a part
+    parts : for each part the bounds of each 64 blocks, and (6,) of all its supports, as `shown` returns them
+    radii : support radii of all splats, an array or a column on disk; size : number of splats of each part
     """
     groups = Groups(*(np.concatenate(arrays) for arrays in zip(*(groups for groups, _ in parts), strict=True)))
     starts = range(0, len(radii), size)
@@ -74,7 +74,7 @@ def plan_of(parts: list[tuple[Groups, NDArray[np.float32]]], radii: Any, size: i
 def tree_of(splats: Splats, plan: Plan, part: int, settings: TreeSettings) -> Tree:
     """Build the tree of a part: over its splats and those of other parts that reach into its space.
 
-    splats : of all parts; fields may be columns on disk; plan : values that all trees share
+    splats : splats of all parts, whose fields may be columns on disk; plan : values that the trees of all parts share
     """
     count, step = len(splats.radii), longest_step(settings.samples)
     part_rows = slice(part * plan.size, min((part + 1) * plan.size, count))
@@ -92,10 +92,11 @@ def cells_of(plan: Plan) -> NDArray[np.float64]:
 def tree_within(
     splats: Splats, box: NDArray[np.float64], shared: tuple[NDArray[np.float32], float], settings: TreeSettings
 ) -> Tree:
-    """Build the tree of splats within a box.
+    """Build a tree of splats that covers only the space within a box.
 
-    splats : in kd order; box : (6,) low x y z, high x y z
-    shared : with other trees: bounds of all supports, (6,), and a radius; steps are powers of two times it
+    splats : splats in kd order, which may reach beyond the box; box : (6,) low x y z, high x y z
+    shared : values that the trees of all parts share: the box around all supports, (6,), where the samples along a ray
+        start, and a support radius; distances between samples are those for this radius times powers of two
     """
     groups = groups_of(*make_blocks(*splats[:3], np.arange(len(splats.radii), dtype=np.int32)))
     top = cut_top(groups, longest_step(settings.samples), within=box)

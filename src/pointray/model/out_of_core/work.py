@@ -73,7 +73,7 @@ class Work:
         return slice(part * self.size, min((part + 1) * self.size, self._total))
 
     def watch(self, span: tuple[float, float]) -> Progress | None:
-        """Return a callback for the progress of one stage.
+        """Return a callback for the progress of one stage; None if no progress is reported.
 
         span : begin and end of the stage, as fractions of all work
         """
@@ -134,19 +134,22 @@ class Work:
         return CloudStatistics(None, known, is_complete=True)
 
     def all(self, do: Callable[[int], Result], span: tuple[float, float], name: str = "signs") -> list[Result]:
-        """Call a function with the number of each part; return the results in the order of the parts.
+        """Call a function with the number of each part; return its results in the order of the parts.
 
-        All are computed anew.
+        No result is stored, so a resumed run calls the function again for all parts.
 
-        span : begin and end of this step, as fractions of all work; name : label in the dashboard of the workers
+        do : called here or in workers; name : label in the dashboard of the workers
+        span : begin and end of this step, as fractions of all work
         """
         results = dict(self._share(name, partial(_do, self, do), range(self.parts), span))
         return [results[part] for part in range(self.parts)]
 
     def each(self, stage: str, do: Callable[[int], Facts | None], span: tuple[float, float]) -> list[Facts]:
-        """Run a stage for each part for which it is not recorded as done; return its facts for all parts.
+        """Call a function for each part in which a stage is not yet done; return its results for all parts.
 
-        do : called with the number of a part; returns a few facts, which are stored as JSON and mark the stage as done
+        stage : name under which the results are stored
+        do : called with the number of a part, here or in workers; returns a few facts, which are stored as JSON and
+            mark the stage as done for this part
         span : begin and end of the stage, as fractions of all work
         """
         known = {part: self.columns.get(_mark(stage, part)) for part in range(self.parts)}
@@ -159,7 +162,8 @@ class Work:
     ) -> Iterator[tuple[int, Result]]:
         """Call a function with the numbers of some parts, here or in the workers; yield each number with its result.
 
-        name : label in the dashboard of the workers; span : begin and end of this step, as fractions of all work
+        name : label in the dashboard of the workers; todo : numbers of the parts
+        span : begin and end of this step, as fractions of all work
         """
         report, done = self.watch(span), self.parts - len(todo)
 
