@@ -143,6 +143,8 @@ def sum_moments(records: Array, scratch: Scratch) -> None:
 def store_light(i: int, r: int, unit_of: float, also_direct: bool, scratch: Scratch) -> None:
     """Store the irradiance at surface point i of the tile: the weighted sum of light records, divided by the weights.
 
+    The result is in rows ARRIVING of the scratch.
+
     r : which of the four points in `Scratch.part` this is, 0 to 3
     unit_of : irradiance of 1.0 in a record, W/m2
     also_direct : whether to add the direct light
@@ -159,6 +161,8 @@ def store_light(i: int, r: int, unit_of: float, also_direct: bool, scratch: Scra
 @inline
 def store_moments(i: int, r: int, unit_of: float, scratch: Scratch) -> None:
     """Store the spherical harmonics of the light at surface point i of the tile: a weighted mean of light records.
+
+    The result is in rows ARRIVING_MOMENTS and ARRIVING_COLORS of the scratch.
 
     r : which of the four points in `Scratch.part` this is, 0 to 3
     unit_of : irradiance of 1.0 in a record, W/m2

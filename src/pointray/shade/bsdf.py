@@ -100,7 +100,7 @@ def lobe_exponent(world: World, material: int) -> float:
 
 @inline
 def eval_bsdf(world: World, material: int, point: ShadingPoint, wi: Vec3) -> tuple[Vec3, float]:
-    """Return (BSDF times cosine as RGB, pdf per solid angle of `sample_bsdf` for this direction).
+    """Return (BSDF times cosine as RGB, pdf per solid angle of `sample_bsdf`) for light from direction wi.
 
     Both are 0 if wi or the direction to the viewer is below the surface, and for mirrors and glass.
 

@@ -203,7 +203,7 @@ def intersect_light(world: World, light: int, o: Vec3, d: Vec3) -> float:
 def light_pdf(world: World, light: int, o: Vec3, d: Vec3, t: float) -> float:
     """Return the pdf per solid angle with which `sample_light` at o samples direction d.
 
-    It weights rays that hit the light by chance (multiple importance sampling).
+    The pdf is used to weight rays that hit the light by chance (multiple importance sampling).
 
     light : offset of its record in `world.lights`; t : distance at which the ray hits the light
     """
