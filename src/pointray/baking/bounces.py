@@ -37,11 +37,12 @@ class Links(NamedTuple):
 
     links : (m * count,) int32, for each of a patch's rays the row of a table of sources (darkness, texels of the sky,
         patches); ~light, negative, for a light seen in a mirror or through glass
-    tints : same shape, RGB9E5 colour of mirrors and glass on the way; empty in scenes without these
-    rows : (m,) int32, indices of the patches; share : (m,) float32, these links as a fraction of a patch's links of all
-        rounds
-    hidden : (m * bytes_of(count),) uint8, a bit for each link that an area light blocks; empty without area lights
-    parts : (rows, columns) of the strata of the hemisphere, one for each link; seed : of the ray directions
+    tints : (m * count,), RGB9E5 colour of mirrors and glass on the way; empty in scenes without these
+    rows : (m,) int32, indices of the patches
+    share : (m,) float32, weight of this round for each patch: `count` over its number of links of all rounds
+    hidden : (m * bytes_of(count),) uint8, a bit for each link, 1 if an area light blocks it; empty without area lights
+    parts : (rows, columns) of the strata of the hemisphere, one for each link
+    seed : of the random numbers that give the ray directions
     """
 
     links: Array
@@ -75,10 +76,10 @@ def _is_hidden(links: Links, m: int, k: int) -> bool:
 def _radiance(links: Links, at: int, sources: Array, lamps: Array) -> Vec3:
     """Return the RGB radiance that arrives along a link (a ray from a patch to a source of light).
 
-    It is tinted by mirrors and glass on the way.
+    The radiance is tinted by mirrors and glass on the way, as given by `links.tints`.
 
     at : index of the link in `links.links`
-    sources : flat float32, PER_SOURCE numbers for each texel of the sky and each patch: their radiance
+    sources : flat float32, PER_SOURCE numbers with the radiance of each texel of the sky and each patch
     lamps : (lights * 3,) float64, radiance of the lights, for links that lead to one through a mirror or glass
     """
     link = i64(links.links[at])
@@ -94,11 +95,12 @@ def _radiance(links: Links, at: int, sources: Array, lamps: Array) -> Vec3:
 
 @kernel
 def add_irradiance(work: Array, links: Links, sources: Array, lamps: Array, every: int, out: Array) -> None:
-    """Add what arrives along links (rays from patches to sources of light) to the irradiance of their patches.
+    """Add the light that arrives along links (rays from patches to sources of light) to the irradiance in `out`.
 
-    It is pi times the mean radiance of a patch's links, as these are cosine-distributed.
+    A patch's irradiance is pi times the mean radiance of its links, as these are cosine-distributed.
 
-    sources, lamps : flat, radiance of sky texels and patches, and of lights
+    sources : flat, radiance of sky texels and patches
+    lamps : flat, radiance of lights
     every : follow one link in `every`; neighbouring patches follow different ones
     out : (patches * 3,) float32, irradiance
     """
@@ -125,13 +127,13 @@ def add_irradiance(work: Array, links: Links, sources: Array, lamps: Array, ever
 def reflect(
     work: Array, arriving: tuple[Array, Array], surface: tuple[Array, Array], sources: Array, changes: Array
 ) -> None:
-    """Write the radiance that each patch emits and reflects: emission + albedo / pi * irradiance.
+    """Write the radiance that each patch emits and reflects to `sources`: emission + albedo / pi * irradiance.
 
-    arriving : irradiance from lights, and along links; surface : albedo, and emitted radiance; all (patches * 3,)
-        float32
-    sources : flat float32, PER_SOURCE numbers for each texel of the sky and each patch; the patches' radiance is
-        written
-    changes : (chunks * 2,) float64, summed over CHUNK patches: the absolute change of radiance, and the radiance itself
+    arriving : (irradiance from lights, irradiance along links), (patches * 3,) float32 each
+    surface : (albedo, emitted radiance), (patches * 3,) float32 each
+    sources : flat float32, PER_SOURCE numbers for each texel of the sky, which stay, and for each patch
+    changes : (chunks * 2,) float64, written, two sums over each CHUNK patches, by which convergence is judged: of the
+        absolute change of radiance, and of the radiance
     """
     direct, indirect = borrow(arriving)
     albedo, emitted = borrow(surface)
@@ -155,8 +157,9 @@ def _add_moments(light: Vec3, moments: Array, at: int, sums: Array) -> None:
     """Add light from one direction to the sums from which a patch's spherical harmonics are computed.
 
     light : RGB
-    moments : from index `at` x, y, z, xx, xy, xz, yy, yz, zz of the direction, or, for uniform light, sums of these
-    sums : (SUMS,), luminance times each of these nine numbers, then red times x, y, z, and blue times x, y, z
+    moments : flat, from index `at` nine products x, y, z, xx, xy, xz, yy, yz, zz of the direction's components; for
+        uniform light, their sums over directions
+    sums : (SUMS,), changed in place: luminance times each of the nine products, red times x, y, z, blue times x, y, z
     """
     gray = vec.luminance(light)
     for b in range(MOMENTS):
@@ -192,15 +195,17 @@ def _write_moments(sums: Array, normal: Vec3, scaled: float, out: Array, at: int
 def add_facts(
     work: Array, links: Links, patches: Patches, sources: Array, lamps: Array, moments: Array, out: Array
 ) -> None:
-    """Add the contribution of links (rays from patches to sources of light) to all values of patches but irradiance.
+    """Add the contribution of links (rays from patches to sources of light) to the FACTS values of each patch in `out`.
 
     These are spherical harmonics of the arriving light minus those of uniform light, the fraction of links that lead to
     the sky, and the variance of the irradiance. The harmonics of uniform light are computed from the same links, so
     uniform light has no noise. All sums are taken in the frame of the normal with tabulated products of direction
     components: recomputing each direction took half of the time of all bounces.
 
-    sources, lamps : flat, radiance of sky texels and patches, and of lights
-    moments : flat float64, the tabulated products, from `directions.cell_moments`; out : (patches * FACTS,) float32
+    sources : flat, radiance of sky texels and patches
+    lamps : flat, radiance of lights
+    moments : flat float64, the tabulated products, from `directions.cell_moments`
+    out : (patches * FACTS,) float32
     """
     links, patches = borrow(links), borrow(patches)
     sources, lamps, moments, out = borrow(sources), borrow(lamps), borrow(moments), borrow(out)
@@ -236,9 +241,9 @@ def add_facts(
 
 @inline
 def _is_blocked_by_lamp(world: World, patches: Patches, patch: int, d: Vec3, link: int) -> bool:
-    """Return whether an area light lies on the ray from a patch in direction d, before the source of light that it met.
+    """Return whether an area light lies on a patch's ray in direction d, before the source of light that the ray met.
 
-    link : row of that source: below PATCHES a texel of the sky or darkness, else a patch, PATCHES + its index
+    link : the source: PATCHES + index of a patch, or less for a texel of the sky or darkness
     """
     x, end = vec.load3_flat(patches.positions, 3 * patch), np.inf
     if link >= PATCHES:  # the ray met the plane of that patch, not its centre

@@ -62,10 +62,10 @@ class Exchange:
         self.transport.release_executor()
 
     def _find(self, scene: Snapshot, sky: Sky, lit: list[tuple[int, int]], progress: Progress | None) -> None:
-        """Cast rays from all patches of the lit sides, more where light is noisy, and compute the light there.
+        """Cast rays from all patches of the lit sides, more where light is noisy, and compute and store their light.
 
-        sky : its radiance; lit : index of a surface, and 1 for its front or -1 for its back, for each side that
-            receives light
+        sky : radiance of the sky
+        lit : (index of a surface, 1 for its front or -1 for its back) for each side that receives light
         """
         settings, self._lit = self._settings, lit
         transport = Transport(scene, self._surfaces, lit, settings.seed, settings.threads, self._executor)

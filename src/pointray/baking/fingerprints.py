@@ -89,8 +89,8 @@ def difference(baked: list[dict[str, Any]], clips: Any, scene: Keys) -> str | No
 def geometry_key(scene: Snapshot) -> tuple[Any, ...]:
     """Return a key that changes if rays between surfaces could meet something else, valid in this process only.
 
-    It is (models, their levels of detail, hash of placements, planes, clip planes, and of which surfaces are mirrors or
-    glass).
+    Its elements are the models, their levels of detail, and one hash of all else: placements, planes, clip planes, and
+    which surfaces are mirrors or glass.
     """
     world = scene.world
     records = world.instances.reshape(-1, rec.INSTANCE).copy()

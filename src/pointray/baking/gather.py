@@ -44,7 +44,8 @@ ONE_TILE = 3  # int64 per tile: its first row, its number of rows, its side (1 o
 class Patches(NamedTuple):
     """The patches of all sides of surfaces, and the rows of those to process in one call of a kernel.
 
-    positions : (n * 3,) float64, world; normals : (n * 3,) float32, unit, pointing to the side that receives light
+    positions : (n * 3,) float64, world
+    normals : (n * 3,) float32, unit, pointing to the side that receives light
     rows : (m,) int32, the patches to process, one side after the other
     tiles : (tiles * ONE_TILE,) int64, for each tile of up to 64 patches of one side: its first index in `rows`, its
         number of patches, and 1 for fronts or -1 for backs
@@ -73,11 +74,13 @@ class Targets(NamedTuple):
 class Rays(NamedTuple):
     """Parameters of the rays that patches send.
 
-    stage : FIND_LINKS (what lies around each patch), FIND_DIRECT (shadow rays to lights) or FIND_SUNS (shadow rays to
-        bright spots of the sky)
-    parts : (rows, columns) of the strata of the hemisphere, with one FIND_LINKS ray each; seed : of the random numbers
-    samples : shadow rays to each area light; suns : (n * 3,) float64, directions to bright spots of the sky
+    stage : kind of the rays, FIND_LINKS (over the hemisphere, to find what each patch sees), FIND_DIRECT (shadow rays
+        to lights) or FIND_SUNS (shadow rays to bright spots of the sky)
+    parts : (rows, columns) of the strata of the hemisphere, with one FIND_LINKS ray each
+    seed : of the random numbers
+    samples : shadow rays to each area light
     tinted : whether there are mirrors or glass, which colour what is seen in them
+    suns : (n * 3,) float64, directions to bright spots of the sky
     """
 
     stage: int
@@ -91,12 +94,12 @@ class Rays(NamedTuple):
 class Found(NamedTuple):
     """Results of the rays that m patches send; arrays that a kind of ray does not fill are empty.
 
-    links : (m * rays,) int32, what each ray met: BLACK; INSIDE, a dark side; SKY + texel; PATCHES + patch; or ~light,
-        negative, for a light seen in a mirror or through glass
-    tints : RGB9E5, same shape, the colour of mirrors and glass on the way; empty without these
-    nearness : (m,) float32, sum of the inverse distances of the rays' first hits
-    direct : (m * 3,) float32, irradiance from lights other than sky and emissive surfaces; or (m * suns,), the cosine
-        to each bright spot of the sky, 0 where it is occluded
+    links : (m * rays,) int32, what each ray met: BLACK (no light), INSIDE (a dark side), SKY + texel, PATCHES + patch,
+        or ~light, negative, for a light seen in a mirror or through glass
+    tints : (m * rays,), RGB9E5 colour of mirrors and glass on the way; empty without these
+    nearness : (m,) float32, for each patch the sum of the inverse distances at which its rays first hit something
+    direct : for shadow rays to lights (m * 3,) float32, irradiance from lights other than sky and emissive surfaces;
+        for those to bright spots of the sky (m * suns,), the cosine to each spot, 0 where it is occluded
     """
 
     links: Array
@@ -145,7 +148,7 @@ def _continue_ray(world: World, i: int, key: int, depth: int, scratch: Scratch) 
 def _resolve(world: World, targets: Targets, i: int, depth: int, key: int, scratch: Scratch) -> tuple[int, bool]:
     """Return (source of light that ray i met, whether the ray continues from a mirror or glass instead).
 
-    The source is BLACK, INSIDE (a dark side), SKY + texel, PATCHES + patch, or ~light, negative.
+    The source is BLACK (no light), INSIDE (a dark side), SKY + texel, PATCHES + patch, or ~light, negative.
 
     targets : tables that map a hit to a patch; depth : number of earlier mirrors and glass surfaces
     key : of the random numbers
@@ -168,8 +171,9 @@ def _trace_links(
 ) -> None:
     """Trace the tile's rays through mirrors and glass until each meets a source of light, and store this in `found`.
 
-    targets : tables that map a hit to a patch; k : index of the ray among those of its patch
-    tile : first index in `Patches.rows`, number of patches, and side
+    targets : tables that map a hit to a patch
+    tile : first index in `Patches.rows`, number of patches, and 1 for fronts or -1 for backs
+    k : each patch of the tile sends its k-th ray
     """
     count = rays.parts[0] * rays.parts[1]
     for i in range(sc.TILE):
@@ -246,7 +250,8 @@ def _add_light(
     """Add one sample of a light, with a shadow ray, to the irradiance of each patch of a tile (row RADIANCE).
 
     tile : first index in `patches.rows`, number of patches, and 1 for fronts or -1 for backs
-    which : index of the light, or -1 to choose one at random; index of the sample; number of samples
+    which : (light, sample, samples), the index of the light, or -1 to choose one at random, the index of the sample,
+        and the number of samples, by which the light is divided
     """
     points, lit = scratch.shading_points, False
     for i in range(sc.TILE):
@@ -334,7 +339,9 @@ def _find_suns(
 def send_rays(work: Array, world: World, patches: Patches, targets: Targets, rays: Rays, found: Found) -> None:
     """Send the rays of the selected patches and store what they find, tile by tile.
 
-    targets : maps a hit to a patch; rays : which of three kinds to send, and their parameters; found : results
+    targets : tables that map a hit to a patch
+    rays : which of three kinds of rays to send, and their parameters
+    found : arrays to which the results are written, by index in `patches.rows`
     """
     patches, targets, found = borrow(patches), borrow(targets), borrow(found)
     memory = new_scratch(world.longest)

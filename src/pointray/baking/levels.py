@@ -157,8 +157,11 @@ def _refine_levels(
 ) -> list[int]:
     """Make the light of instances finer where the budget has room, level by level, the smallest instances first.
 
-    shapes : size of the light of each model; wanted : instances; budget : bytes
-    levels : of each instance's light, 0 for a record per splat, k for one per 4^(k - 1) patches; changed in place
+    shapes : size of the light of each model
+    wanted : the instances
+    levels : coarseness of each instance's light, 0 for a record per splat, k for one per 4^(k - 1) patches; changed in
+        place
+    budget : bytes for the light of all instances together
 
     Returns
     -------
@@ -212,13 +215,17 @@ def _spread_over(
 ) -> Ints:
     """Return for each block of splats the four knots from which light is interpolated, and the splats' weights.
 
+    Knots are the patches at which coarser light is stored.
+
     x, n : positions and normals of the splats, (slots, 3)
-    finder, positions, normals : search tree, positions and normals of the knots, the patches where light is stored
+    finder : search tree over the knots
+    positions, normals : of the knots, (knots, 3)
 
     Returns
     -------
     (blocks * SPREAD,) int32
-        For each block four knots, then for each of its four splats the weights of these in 255ths, a byte each.
+        For each block its four knots, then for each of its four splats an int32 of four bytes, the weights of the
+        knots in 255ths.
     """
     blend = blend_for(x, n, finder, positions, normals)
     knots, weights = nearest_blend(x, n, blend, (positions, normals), KNOTS)

@@ -19,9 +19,9 @@ CHUNK = 4096
 def write_record(values: Array, scale: float, out: Array, at: int) -> None:
     """Encode light as a 16-byte record, out[at : at + RECORD]: irradiance as RGB9E5, and its directional distribution.
 
-    values : PER_PATCH numbers: irradiance from surfaces and the sky, irradiance from lights, spherical harmonics of the
-        former
-    scale : factor for irradiance
+    values : PER_PATCH numbers, the irradiance from surfaces and the sky (RGB), the irradiance from lights (RGB), and
+        spherical harmonics of the light from surfaces and the sky, see `pack_moments`
+    scale : factor for both irradiances
     """
     light = values[LIGHT] * 1.0, values[LIGHT + 1] * 1.0, values[LIGHT + 2] * 1.0
     lamps = values[LIGHT_OF_LAMPS] * scale, values[LIGHT_OF_LAMPS + 1] * scale, values[LIGHT_OF_LAMPS + 2] * scale
@@ -35,8 +35,9 @@ def write_record(values: Array, scale: float, out: Array, at: int) -> None:
 def blend(around: Array, weights: Array, values: Array, size: int, i: int, out: Array) -> None:
     """Write the weighted mean of the values of the patches near splat i to out[:size].
 
-    around : the AROUND patches near each block; weights : of these for each splat, AROUND each
-    values : flat, `size` for each patch
+    around : flat, for each block the indices of AROUND patches near it
+    weights : flat, for each splat the AROUND weights of its block's patches; not normalized
+    values : flat, `size` numbers for each patch
     """
     total = f32(0.0)
     for c in range(size):
@@ -54,13 +55,14 @@ def blend(around: Array, weights: Array, values: Array, size: int, i: int, out: 
 
 @kernel
 def pack(work: Array, around: Array, weights: Array, values: Array, scale: float, out: Array) -> None:
-    """Interpolate the light of patches to splats, and encode it as 16-byte records.
+    """Interpolate the light of patches to splats, and encode it as 16-byte records in `out`.
 
-    around, weights : the AROUND patches near each block, and their weights for each splat; if empty, each record is
-        that of its own patch
-    values : (patches * PER_PATCH,) float32: irradiance from surfaces and the sky, irradiance from lights, spherical
-        harmonics
-    scale : factor for irradiance; out : (n * RECORD,) int32
+    around : flat, for each block the indices of AROUND patches near it; if empty, record i is that of patch i
+    weights : flat, for each splat the AROUND weights of its block's patches; not normalized
+    values : (patches * PER_PATCH,) float32, for each patch the irradiance from surfaces and the sky, the irradiance
+        from lights, and spherical harmonics
+    scale : factor for irradiance
+    out : (n * RECORD,) int32
     """
     around, weights, values, out = borrow(around), borrow(weights), borrow(values), borrow(out)
     blended = np.zeros(PER_PATCH, np.float32)

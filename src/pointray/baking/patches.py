@@ -47,9 +47,9 @@ class Blend(NamedTuple):
 class PatchSet(NamedTuple):
     """Patches of one model: splats that exchange light on behalf of their neighbours, in model space.
 
-    positions, normals : (m, 3) float32, relative to the points' origin; radii : (m,) float32, support radii of the
-        splats that are patches, or diameters of scattered points: they set where the rays that search for the surface
-        start
+    positions, normals : (m, 3) float32, relative to the points' origin
+    radii : (m,) float32, support radii of the splats that are patches, or diameters of scattered points; these scale
+        how far above a patch the rays start that search for the surface
     near : (m, NEAR) int32, nearest other patches of each patch, padded with -1
     blends : interpolation of light to the splats of the model, then to those of each level of detail
     """
@@ -131,17 +131,21 @@ def blend_for(x: Floats, n: Floats, finder: NeighborTree, positions: Floats, nor
 def nearest_blend(
     x: Floats, n: Floats, blend: Blend, patches: tuple[Floats, Floats], count: int
 ) -> tuple[Rows, NDArray[np.uint8]]:
-    """Reduce an interpolation to the `count` patches of largest weight in each block, the main one of each splat first.
+    """Reduce an interpolation of light from AROUND patches for each block of splats to one from only `count` patches.
 
-    x, n : positions and normals of the splats, (slots, 3); patches : positions and normals of the patches, (m, 3)
-    blend : the interpolation, from AROUND patches for each block
+    Kept are the patches of largest total weight in the block; those that have the largest weight at one of its splats
+    take precedence.
+
+    x, n : positions and normals of the splats, (slots, 3)
+    blend : the interpolation from AROUND patches
+    patches : positions and normals of the patches, (m, 3) each
 
     Returns
     -------
     (blocks, count) int32
-        The patches.
+        Indices of the patches of each block.
     (slots, count) uint8
-        Their weights for each splat.
+        Weights of these patches for each splat, computed anew.
     """
     weights = blend.weights.astype(np.float32)
     weights /= np.maximum(weights.sum(axis=1, keepdims=True), 1.0)
@@ -158,8 +162,9 @@ def nearest_blend(
 def _facing(splats: tuple[Floats, Floats], finder: NeighborTree, blocks: NDArray[np.int64], normals: Floats) -> Rows:
     """Find the nearest patches that face the same way as splats, for blocks where the closest ones do not.
 
-    splats : positions and normals, (slots, 3); finder, normals : search tree and normals of the patches
-    blocks : (m,) the blocks
+    splats : positions and normals of all splats, (slots, 3) each
+    finder, normals : search tree over the patches, and their normals
+    blocks : (m,) indices of the blocks
 
     Returns
     -------
@@ -196,8 +201,9 @@ def patch_weight(x: Array, n: Array, i: int, y: Array, m: Array, j: int, width: 
 
     It falls with distance and off the splat's plane, and is 0 if the patch faces the opposite way.
 
-    x, n : positions and normals of splats, flat; y, m : those of patches
-    width : distance of the farthest patch, the length scale of the falloff
+    x, n : positions and normals of splats, flat
+    y, m : positions and normals of patches, flat
+    width : distance from the splat to the farthest of its patches, the length scale of the falloff
     """
     cosine = square = off = f32(0.0)
     for c in range(3):
@@ -235,8 +241,10 @@ def _reproduce_linear(x: Array, i: int, y: Array, around: Array, span: tuple[int
     Light that varies linearly across the surface is then interpolated exactly (moving least squares, Lancaster and
     Salkauskas 1981).
 
-    x, y : positions of splats and of patches, flat; span : first index and number of the patches in `around`
-    found : their weights, changed in place; m : scratch memory for 6 numbers
+    x, y : positions of splats and of patches, flat
+    around : for each block indices of patches; span : (first index, number) of those of splat i in `around`
+    found : the weights of these patches, changed in place
+    m : working memory for 6 numbers
     """
     bx = by = bz = total = 0.0
     m[:] = 0.0
@@ -261,7 +269,8 @@ def _reproduce_linear(x: Array, i: int, y: Array, around: Array, span: tuple[int
 def _width(x: Array, i: int, y: Array, around: Array, span: tuple[int, int]) -> float:
     """Return the distance from splat i to the farthest of the patches that are interpolated there.
 
-    x, y : positions of splats and of patches, flat; span : first index and number of the patches in `around`
+    x, y : positions of splats and of patches, flat
+    around : for each block indices of patches; span : (first index, number) of those of splat i in `around`
     """
     most = f32(1e-30)
     for k in range(span[1]):
@@ -284,10 +293,12 @@ def _blend(
 ) -> None:
     """Compute the weights with which light is interpolated from patches to each splat of some blocks.
 
-    tables : positions and normals of splats, then of patches; flat float32
-    rows : (m,) int64, the blocks; around : AROUND patches for each block, of which the first `count` are used
-    weights : uint8, AROUND for each splat, written, 255 for the largest
-    patch_of : int32, written: the patch with the largest weight; ~patch, with the nearest one, if none faces the splat
+    tables : (positions of splats, normals of splats, positions of patches, normals of patches), flat float32 each
+    rows : (m,) int64, indices of the blocks to process
+    around : for each block AROUND indices of patches, of which the first `count` are used
+    weights : uint8, AROUND for each splat, written; 255 for the largest
+    patch_of : int32, written, for each splat the patch of largest weight, or ~(first patch of the block), negative, if
+        no patch faces the splat
     """
     x, n, y, m = borrow(tables)
     rows, around, weights, patch_of = borrow(rows), borrow(around), borrow(weights), borrow(patch_of)

@@ -21,10 +21,12 @@ CHUNK = 1024
 
 @inline
 def _weight(positions: Array, normals: Array, i: int, j: int, bounds: tuple[float, float]) -> float:
-    """Return the weight of neighbour j in the average of patch i: lower with distance, angle and offset from its plane.
+    """Return the weight of patch j, a neighbour, in the average of light over patch i and its neighbours.
+
+    It falls with the distance of the patches, the angle between their normals, and the offset from their planes.
 
     positions, normals : of all patches, flat
-    bounds : mean inverse distance of the surfaces that patch i sees; distance of its farthest neighbour
+    bounds : (mean inverse distance of the surfaces that patch i sees, distance from patch i to its farthest neighbour)
     """
     square = off = cosine = 0.0
     for c in range(3):
@@ -49,13 +51,15 @@ def smooth(
     out: Array,
     count_of: Array,
 ) -> None:
-    """Reduce noise: average the values of the patches of one side of an instance with those of their neighbours.
+    """Reduce noise: average the values of each patch on one side of an instance with those of its neighbours.
 
-    places : positions, normals, mean inverse distances of the surfaces that patches see, and trust, (patches,) float32,
-        1, or 0 for patches without valid values, which are left out
-    near : (count * each,) int32, neighbours within the side, padded with -1
-    span : first patch of the side, number of patches, neighbours per patch, values per patch
-    values, out : flat, of all patches; count_of : (patches,) float32, written, the effective number of patches averaged
+    places : (positions, normals, nearness, trust) of all patches, flat; nearness is the mean inverse distance of the
+        surfaces that a patch sees, trust 1, or 0 for a patch without valid values, which is left out of averages
+    near : for each patch of the side its neighbours, as indices within the side, padded with -1, flat int32
+    span : (first patch of the side, number of its patches, neighbours per patch, values per patch)
+    values : values of all patches, flat
+    out : the averages for this side, written; shaped like `values`
+    count_of : (patches,) float32, written for this side, the effective number of patches in each average
     """
     positions, normals, nearness, trust = borrow(places)
     near, values, out, count_of = borrow(near), borrow(values), borrow(out), borrow(count_of)

@@ -74,7 +74,8 @@ def find_lights(world: World, sky: Sky, transport: Transport) -> Lights:
 def solve(world: World, transport: Transport, settings: BakeSettings, seen: Lights) -> ArrivingLight:
     """Propagate light between patches until it converges: return the light that arrives at them after all bounces.
 
-    transport : the patches and their links (rays to sources of light); seen : light before any bounce
+    transport : the patches and their links (rays to sources of light)
+    seen : light that arrives at the patches before any bounce
     """
     n, threads, (lights, sky, cosines) = len(transport), settings.threads, seen
     suns = cosines @ sky.irradiances

@@ -45,8 +45,9 @@ class SplatLight(NamedTuple):
 def blend_of(side: Side, level: int) -> tuple[NDArray[np.int32], NDArray[np.uint8], int]:
     """Return how the light of a side's patches is interpolated to its splats: (patches, weights, number of splats).
 
-    Each block has AROUND patches, each splat as many weights, both flat. For a plane both are empty, and the number is
-    that of its cells, which are the patches themselves.
+    patches : flat, for each block of splats the indices of AROUND patches; empty for a plane
+    weights : flat, for each splat the AROUND weights of these patches; empty for a plane
+    number of splats : for a plane that of its cells, which are the patches themselves
 
     level : level of detail of the model, 0 for the model itself
     """

@@ -34,10 +34,14 @@ Floats = NDArray[np.float64]
 class BakeSurface(NamedTuple):
     """Patches of one instance, shared by its front and back. A patch represents the surface around it.
 
-    instance : row of the instance; patches : splats of a model (`PatchSet`) or cells of a plane (`Grid`)
-    positions : (m, 3) float64, on the surface, world; normals : (m, 3) float32, unit, of the front, world
-    albedo, emitted : (m, 3) float32; lost : (m,) bool, True where no surface was found
-    margins : (m,) float32, distance from the surface at which rays start, in the world: the noise smoothed away
+    instance : row of the instance
+    patches : splats of a model (`PatchSet`) or cells of a plane (`Grid`)
+    positions : (m, 3) float64, on the surface, world
+    normals : (m, 3) float32, unit, of the front, world
+    albedo, emitted : (m, 3) float32, reflected fraction of light, and emitted radiance
+    lost : (m,) bool, True where no surface was found
+    margins : (m,) float32, distance above the surface at which a patch's rays start, in world units: the noise that
+        denoising removed there, whose remains could block the rays
     """
 
     instance: int
@@ -53,8 +57,9 @@ class BakeSurface(NamedTuple):
 def find_surfaces(
     scene: Snapshot, most: int, albedo_scale: float, progress: Progress | None = None
 ) -> list[BakeSurface]:
-    """Divide the models of a scene into about `most` patches, and its planes into about half as many.
+    """Choose the patches of a scene and compute their geometry and colours; return those of each instance, in order.
 
+    most : approximate number of patches on all instances of models; planes get about half as many more
     albedo_scale : factor for the colours of points in the albedo of patches
     """
     world = scene.world
@@ -237,8 +242,14 @@ def _all_on_surface(
 
     Returns
     -------
-    (m, 3) float64, (m, 3) float32, (m, 3) float32, (m,) bool
-        World positions, unit world normals, colours, and True where no surface was found.
+    (m, 3) float64
+        World positions.
+    (m, 3) float32
+        Unit world normals.
+    (m, 3) float32
+        Colours of the surface.
+    (m,) bool
+        True where no surface was found; position and normal are then those of the splat.
     """
     m = len(patches.positions)
     out = np.empty((m, 3)), np.empty((m, 3), np.float32), np.empty((m, 3), np.float32), np.empty(m, np.bool_)
@@ -260,8 +271,14 @@ def _on_surface(
 
     Returns
     -------
-    (m, 3) float64, (m, 3) float32, (m, 3) float64, (m,) bool
-        World positions, unit world normals, colours, and True where no surface was found.
+    (m, 3) float64
+        World positions.
+    (m, 3) float32
+        Unit world normals.
+    (m, 3) float64
+        Colours of the surface.
+    (m,) bool
+        True where no surface was found; position and normal are then those of the splat.
     """
     to_model = world.instances[row * rec.INSTANCE + rec.TO_MODEL :][:12].reshape(3, 4)
     to_world = np.linalg.inv(to_model[:, :3])

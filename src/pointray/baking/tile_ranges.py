@@ -40,9 +40,10 @@ class TileRange(NamedTuple):
 
     rays : kind and parameters of the rays
     tiles : (k * ONE_TILE,) int64, first index, number of patches and side of each tile, see `gather.Patches`
-    rows : (m,) int32, the patches of these tiles; begin : index of the first of them among those of all ranges
-    sizes : lengths of the arrays of results (`gather.Found`) for all ranges
-    row_count : number of patches of all ranges
+    rows : (m,) int32, the patches of these tiles
+    begin : position of the first of these patches in the list of patches of all ranges
+    sizes : length of each array of results (`gather.Found`) of all ranges together
+    row_count : number of patches of all ranges together
     """
 
     rays: Rays
@@ -67,8 +68,9 @@ def share_patches(patches: Patches, targets: Targets) -> SharedValue:
 def cut(patches: Patches, rays: Rays, found: Found, workers: dict[str, int]) -> list[TileRange]:
     """Divide the tiles of patches into ranges that are sent to workers as jobs.
 
-    rays : kind and parameters of the rays; found : empty results, which give their size; workers : threads of each, by
-        name
+    rays : kind and parameters of the rays
+    found : arrays for the results, which give the size of the messages
+    workers : number of threads of each worker, by name
     """
     tiles, row_count = patches.tiles.reshape(-1, ONE_TILE), len(patches.rows)
     least = FEWEST_TILES * max(workers.values(), default=1)
@@ -114,7 +116,10 @@ def send_ranges(
 def send_tile_range(
     scene: Snapshot, tile_range: TileRange, shared: SharedPatches, threads: int, progress: Progress
 ) -> list[NDArray[np.generic]]:
-    """Send the rays of a range of patches on a worker; return its part of each array of results (`Found`)."""
+    """Trace the rays of a range of patches on a worker; return the range's part of each array of results (`Found`).
+
+    shared : all patches, and the tables that map a hit to a patch
+    """
     positions, normals, (target_rows, patch_of, frames) = shared
     targets = Targets(_kernel_ready(target_rows), _kernel_ready(patch_of), _kernel_ready(frames))
     rows = np.zeros(tile_range.row_count, np.int32)

@@ -104,9 +104,9 @@ def white_under(lights: Iterable[Any], integrator: str = "phong") -> float | Non
 
 
 def auto_tone(image: NDArray[np.floating], white: float | None = None) -> tuple[float, str]:
-    """Return (exposure in stops, curve) for an image; the curve is "soft" or "neutral".
+    """Return (exposure in stops, name of the tone curve) for an image.
 
-    It is "soft" if a few bright spots would darken the rest.
+    The curve is "soft" if a few bright spots would darken the rest, else "neutral".
 
     white : radiance of a white surface in the same light, which keeps dark surfaces dark; None if unknown
     """
@@ -117,7 +117,7 @@ def auto_tone(image: NDArray[np.floating], white: float | None = None) -> tuple[
 def tone_of(
     image: NDArray[np.floating], exposure: float | str, curve: str, white: float | None = None
 ) -> tuple[float, str]:
-    """Return (exposure in stops, curve), where "auto" for either is replaced by a choice for the image.
+    """Return (exposure in stops, name of the tone curve); "auto" for either is replaced by a choice for the image.
 
     With a given exposure the automatic curve is "srgb".
 

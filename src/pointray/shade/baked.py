@@ -83,11 +83,14 @@ def _normals(world: World, instance: int, four: Four, scratch: Scratch) -> FourP
 def _weigh(world: World, tree: Tree, four: Four, scratch: Scratch) -> None:
     """Find the splats whose baked light is blended at four hits in one leaf, and their weights.
 
-    Weights are those of the surface, reduced where a splat's normal differs from the hit's. If no splat has weight, the
-    nearest one gets weight 1. A scattered point has its own record. `Scratch.near` lists the blocks; `Scratch.splats`
-    has 16 weights for each, lane 4 r + j for its splat j at hit r.
+    The indices of the splats' blocks are written to `Scratch.near`, and 16 weights for each block to `Scratch.splats`:
+    lane 4 r + j for splat j of the block at hit r. The weights at hit r, which are not normalized, sum to the number at
+    SUM_WEIGHTS + 4 r in `Scratch.part`.
 
-    four : rays of the tile
+    Weights are those of the surface, reduced where a splat's normal differs from the hit's. If no splat has weight, the
+    nearest one gets weight 1. A scattered point takes only its own light.
+
+    four : indices of the four rays in the tile
     """
     part, splats = scratch.part, scratch.splats
     leaf, instance = scratch.numbers[sc.LEAF_OF + four[0]], scratch.numbers[sc.INSTANCE_OF + four[0]]
@@ -134,10 +137,10 @@ def _weigh(world: World, tree: Tree, four: Four, scratch: Scratch) -> None:
 def _weigh_cells(world: World, four: Four, scratch: Scratch) -> None:
     """Find the four cells around each of four hits on a plane, and the weights to interpolate baked light from them.
 
-    `Scratch.near` lists groups of four consecutive cells; `Scratch.splats` has 16 weights for each, lane 4 r + j for
-    its cell j at hit r.
+    Groups of four consecutive cells are listed in `Scratch.near`, and 16 weights for each group are written to
+    `Scratch.splats`: lane 4 r + j for cell j of the group at hit r.
 
-    four : rays of the tile
+    four : indices of the four rays in the tile
     """
     instance = scratch.numbers[sc.INSTANCE_OF + four[0]]
     plane = int(world.instances[instance * rec.INSTANCE + rec.SHAPE_ROW]) * rec.PLANE_SIZE
@@ -165,7 +168,7 @@ def _find_four(world: World, four: Four, first: bool, scratch: Scratch) -> None:
 
     The result is in rows ARRIVING of the scratch.
 
-    four : rays of the tile, which may repeat the first
+    four : indices of the four rays in the tile; unused places repeat the first
     first : whether these are the camera's first hits; if so, only indirect light is looked up
     """
     instance, points = scratch.numbers[sc.INSTANCE_OF + four[0]], scratch.shading_points

@@ -69,8 +69,8 @@ def _excess(moment: float, of: float, share: float) -> float:
 def pack_moments(moments: Array, at: int, light: Vec3) -> tuple[int, int]:
     """Encode the directional distribution of the light at a splat, given by spherical harmonics, as two 32-bit words.
 
-    moments : flat; from index `at` the harmonics of radiance times cosine minus those of uniform light of this
-        irradiance: 8 of luminance (bands 1 and 2), 3 of red, 3 of blue (band 1)
+    moments : flat, from index `at` 14 harmonics, 8 of luminance (bands 1 and 2), 3 of red and 3 of blue (band 1); they
+        are those of radiance times cosine, minus those of uniform light of the same irradiance
     light : irradiance, RGB
     """
     gray = luminance(light)
@@ -102,11 +102,16 @@ def _heights(steps: F16, levels: int) -> F16:
 def unpack_moments(light: F16, first: I16, second: I16) -> tuple[F16, F16, F16, F16]:
     """Decode the spherical harmonics of the light in four records, times their irradiance, for blending.
 
-    Values are relative to the largest encoded one. Each vector holds a quarter (four records) for each harmonic: the
-    first holds 0 to 3 of luminance, then come 4 to 7, three of red and three of blue.
+    Values are relative to the largest encoded one.
 
-    light : irradiance of the records, RGB a quarter each
+    light : irradiance of the four records, red, green and blue in a quarter of the vector each
     first, second : the records' two words of encoded harmonics, as from `pack_moments`, repeated in all quarters
+
+    Returns
+    -------
+    tuple
+        (harmonics 0 to 3 of luminance, 4 to 7 of luminance, three of red, three of blue). Each vector has a quarter for
+        each harmonic, with a lane for each record.
     """
     weights = quarters(f32(LUMINANCE[0]), f32(LUMINANCE[1]), f32(LUMINANCE[2]), f32(0.0))
     gray = sum_over_quarters(light * weights)

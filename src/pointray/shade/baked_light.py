@@ -29,7 +29,10 @@ from .specular_rays import push_ray
 
 @inline
 def meet_lamps(world: World, scratch: Scratch) -> Bits:
-    """Add the radiance of area lights that the tile's rays hit, discard hits behind, and return these rays (bits)."""
+    """Add the radiance of area lights that the tile's rays hit; return the rays that hit one (bits).
+
+    Surfaces that these rays hit behind the light are discarded.
+    """
     met = i64(0)
     if world.lamps.lights.size == 0:
         return met
@@ -45,7 +48,9 @@ def meet_lamps(world: World, scratch: Scratch) -> Bits:
 
 @inline
 def _reflect_narrow(world: World, i: int, gloss: Vec3, lobe: Lobe, sample: int, scratch: Scratch) -> None:
-    """Send a ray from surface point i into a narrow glossy lobe; baked light is looked up where it hits.
+    """Push a ray from surface point i into a narrow glossy lobe onto the stack of rays to trace later.
+
+    Baked light is looked up where the ray hits.
 
     gloss : albedo of the lobe, RGB; lobe : (kind of material, exponent)
     sample : index of the sample, which selects the direction; -1 for the mirrored direction
@@ -70,7 +75,7 @@ def add_baked(world: World, first: bool, sample: int, scratch: Scratch) -> None:
 
     first : whether these are the camera's first hits, whose narrow lobes send rays and whose direct light is added by
         `add_live`; other hits reflect all light diffusely, including baked direct light
-    sample : index of the sample; -1: rays follow the centre of a lobe
+    sample : index of the sample, which selects the directions of rays into lobes; -1 for the mirrored direction
     """
     find_baked(world, first, scratch)
     for i in range(sc.TILE):
@@ -96,7 +101,9 @@ def add_baked(world: World, first: bool, sample: int, scratch: Scratch) -> None:
 def _set_light(world: World, light: int, sample: int, scratch: Scratch) -> bool:
     """Set shadow rays from the tile's surface points to a light, and store what they add if unoccluded (row GAIN).
 
-    Returns whether the light adds anything. light : offset of its record in `world.lights`
+    Returns whether the light adds anything.
+
+    light : offset of its record in `world.lights`
     sample : index of the sample, which selects a point on the light; -1: its centre
     """
     points, lit = scratch.shading_points, False

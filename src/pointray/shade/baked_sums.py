@@ -29,10 +29,11 @@ SUM_MOMENTS, SUM_LIGHT, SUM_DIRECT, SUM_WEIGHTS = 0, 4 * sc.LANES, 5 * sc.LANES,
 def list_record(four: int, r: int, k: int, share: float, scratch: Scratch) -> None:
     """Add `share` to the weight of a light record at one of the four surface points that are looked up at once.
 
-    `Scratch.near` lists the needed records in groups of four consecutive ones; the record's group is appended if it is
-    not yet listed.
+    The weight is kept in `Scratch.splats`. `Scratch.near` lists the needed records in groups of four consecutive ones;
+    the record's group is appended if it is not yet listed.
 
-    four, k : index of the group, and of the record in it, 0 to 3; r : index of the point, 0 to 3
+    four : index of the group; k : index of the record in the group, 0 to 3
+    r : index of the point, 0 to 3
     """
     count, at = scratch.counts[sc.COUNT_NEAR], 0
     while at < count and i64(scratch.near[at]) != four:  # neighbours on a plane mostly share their cells
@@ -74,10 +75,11 @@ def spread_out(spread: Array, scratch: Scratch) -> None:
 
 @inline
 def _add(sums: Sums, value: F16, weights: Array, at: int) -> Sums:
-    """Add a value of four light records, times their weights at four surface points, to the sums of these points.
+    """Add the values of four light records, times their weights at four surface points, to the sums of these points.
 
-    sums : one vector for each point; value : a quarter for each component, a lane of it for each record
-    weights, at : 16 weights from index `at`, four for each point
+    sums : one vector for each point, laid out like `value`
+    value : a quarter of the vector for each component, such as red, with a lane for each record
+    weights : from index `at` 16 weights, for each point those of the four records
     """
     return (
         sums[0] + value * repeat4(weights, at),
@@ -89,9 +91,9 @@ def _add(sums: Sums, value: F16, weights: Array, at: int) -> Sums:
 
 @inline
 def _store(to: int, sums: Sums, scratch: Scratch) -> None:
-    """Store the sums of four surface points in `Scratch.part`: component q at point r at index to + 4 q + r.
+    """Store the sums of four surface points in `Scratch.part`: component q at point r at index `to` + 4 q + r.
 
-    sums : one vector for each point, a quarter for each component, whose four lanes are added up
+    sums : one vector for each point, with a quarter for each component, whose four lanes are added up
     """
     store(scratch.part, to, sums_of_fours(sums[0], sums[1], sums[2], sums[3]))
 
@@ -100,7 +102,8 @@ def _store(to: int, sums: Sums, scratch: Scratch) -> None:
 def sum_light(records: Array, column: int, to: int, scratch: Scratch) -> None:
     """Sum the irradiance of the light records listed in `Scratch.near`, weighted for each of four surface points.
 
-    records : flat int32; column : INDIRECT or DIRECT
+    records : all light records of one side of an instance, flat int32
+    column : which irradiance of a record, INDIRECT or DIRECT
     to : index in `Scratch.part` at which the sums are stored: red at the four points, green, blue
     """
     zero = broadcast16(ZERO)
@@ -140,7 +143,10 @@ def sum_moments(records: Array, scratch: Scratch) -> None:
 def store_light(i: int, r: int, unit_of: float, also_direct: bool, scratch: Scratch) -> None:
     """Store the irradiance at surface point i of the tile: the weighted sum of light records, divided by the weights.
 
-    r : which of the four points summed together this is; unit_of : irradiance of 1.0 in a record, W/m2
+    The result is in rows ARRIVING of the scratch.
+
+    r : which of the four points in `Scratch.part` this is, 0 to 3
+    unit_of : irradiance of 1.0 in a record, W/m2
     also_direct : whether to add the direct light
     """
     part = scratch.part
@@ -156,7 +162,10 @@ def store_light(i: int, r: int, unit_of: float, also_direct: bool, scratch: Scra
 def store_moments(i: int, r: int, unit_of: float, scratch: Scratch) -> None:
     """Store the spherical harmonics of the light at surface point i of the tile: a weighted mean of light records.
 
-    r : which of the four points summed together this is; unit_of : irradiance of 1.0 in a record, W/m2
+    The result is in rows ARRIVING_MOMENTS and ARRIVING_COLORS of the scratch.
+
+    r : which of the four points in `Scratch.part` this is, 0 to 3
+    unit_of : irradiance of 1.0 in a record, W/m2
     """
     part, points, at = scratch.part, scratch.shading_points, SUM_MOMENTS + r
     share = unit_of / f64(part[SUM_WEIGHTS + 4 * r])

@@ -100,11 +100,11 @@ def lobe_exponent(world: World, material: int) -> float:
 
 @inline
 def eval_bsdf(world: World, material: int, point: ShadingPoint, wi: Vec3) -> tuple[Vec3, float]:
-    """Return (BSDF times cosine as RGB, pdf per solid angle of `sample_bsdf` for this direction).
+    """Return (BSDF times cosine as RGB, pdf per solid angle of `sample_bsdf`) for light from direction wi.
 
-    Both are 0 if wi (unit, to the light) or wo is below the surface, and for mirrors and glass.
+    Both are 0 if wi or the direction to the viewer is below the surface, and for mirrors and glass.
 
-    material : offset of its record in `world.materials`
+    material : offset of its record in `world.materials`; wi : unit direction to the light
     """
     cosine = dot(point.normal, wi)
     if cosine <= 0.0 or dot(point.normal, point.wo) <= 0.0 or is_specular(world, material):
@@ -121,7 +121,8 @@ def eval_bsdf(world: World, material: int, point: ShadingPoint, wi: Vec3) -> tup
 def _direction(world: World, material: int, point: ShadingPoint, which: float, u: float, v: float) -> Vec3:
     """Sample a direction with the pdf that `eval_bsdf` returns; it may lie below the surface.
 
-    material : offset of its record in `world.materials`; which, u, v : random numbers in [0, 1), for lobe and direction
+    material : offset of its record in `world.materials`
+    which : random number in [0, 1) that chooses the lobe; u, v : random numbers in [0, 1) that choose the direction
     """
     kind = world.materials[material + rec.MATERIAL_KIND]
     if kind == rec.PHONG:
@@ -139,9 +140,12 @@ def sample_bsdf(
 
     material : offset of its record in `world.materials`
     which : random number in [0, 1) that chooses the lobe; u, v : random numbers in [0, 1) that choose the direction
-    weight : BSDF times cosine over the pdf, RGB; black if nothing is scattered
-    pdf : per solid angle, 0.0 for mirrors and glass; side : side of the surface, +1.0 or -1.0, on which the new ray
-        leaves
+
+    Returns
+    -------
+    tuple
+        Unit direction; weight, which is BSDF times cosine over the pdf, RGB, black if nothing is scattered; pdf per
+        solid angle, 0.0 for mirrors and glass; side of the surface, +1.0 or -1.0, on which the new ray leaves.
     """
     if dot(point.normal, point.wo) <= 0.0:
         return point.normal, BLACK, 0.0, point.side

@@ -54,7 +54,8 @@ def _nonzero(x: float) -> float:
 def _enters(boxes: Array, offset: int, o: Vec3, inverse: Vec3, nearest: float) -> bool:
     """Return whether a ray enters a box before `nearest`, a distance in lengths of its direction.
 
-    boxes, offset : six numbers from `offset`: lo x y z, hi x y z; o : origin; inverse : 1 / direction, by component
+    boxes : flat, the box's lower and upper corner (six numbers) from index `offset`
+    o : origin of the ray; inverse : 1 / direction, by component
     """
     ax, bx = (boxes[offset] - o[0]) * inverse[0], (boxes[offset + 3] - o[0]) * inverse[0]
     ay, by = (boxes[offset + 1] - o[1]) * inverse[1], (boxes[offset + 4] - o[1]) * inverse[1]
@@ -96,7 +97,7 @@ def meets_lamp(world: World, ray: tuple[Vec3, Vec3], end: float) -> bool:
 def _is_within(boxes: Array, offset: int, d: Vec3) -> bool:
     """Return whether a unit direction, as a point of the unit sphere, is inside a box of the tree over the suns' disks.
 
-    boxes, offset : six numbers from `offset`: lo x y z, hi x y z
+    boxes : flat, the box's lower and upper corner (six numbers) from index `offset`
     """
     x = (boxes[offset] <= d[0]) & (d[0] <= boxes[offset + 3])
     y = (boxes[offset + 1] <= d[1]) & (d[1] <= boxes[offset + 4])

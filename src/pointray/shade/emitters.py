@@ -22,10 +22,11 @@ TINY = 1e-300
 class LightSample(NamedTuple):
     """Sample of the light that arrives at a surface point, without occlusion.
 
-    wi : unit direction to the light; distance : of the light
-    light : RGB, radiance over the pdf; for a light without size, or taken as a whole, the irradiance of a surface that
-        faces it
-    pdf : density per solid angle with which the direction was sampled; 0 for a light without size or taken as a whole
+    wi : unit direction to the light
+    distance : from the surface point to the light, inf for a sun
+    light : RGB, radiance over the pdf; if pdf is 0, the irradiance of a surface that faces the light
+    pdf : density per solid angle with which the direction was sampled; 0 for a light without size, or if all light is
+        taken to come from the light's centre
     """
 
     wi: Vec3
@@ -202,7 +203,7 @@ def intersect_light(world: World, light: int, o: Vec3, d: Vec3) -> float:
 def light_pdf(world: World, light: int, o: Vec3, d: Vec3, t: float) -> float:
     """Return the pdf per solid angle with which `sample_light` at o samples direction d.
 
-    It weights rays that hit the light by chance (multiple importance sampling).
+    The pdf is used to weight rays that hit the light by chance (multiple importance sampling).
 
     light : offset of its record in `world.lights`; t : distance at which the ray hits the light
     """

@@ -201,7 +201,8 @@ def harmonics(d: Floats) -> Floats:
 def _irradiance(colors: NDArray[Any], axes: tuple[Floats, Floats, Floats]) -> Floats:
     """Return the irradiance of a surface as a function of its world normal: nine spherical harmonics times RGB, (27,).
 
-    colors : (h, w, 3), equirectangular image of radiance; axes : of the image in the world: right, ahead, up
+    colors : (h, w, 3), equirectangular image of radiance
+    axes : world directions (right, ahead, up) of the image
     """
     height, width = colors.shape[:2]
     polar = (np.arange(height) + 0.5) / height * np.pi

@@ -79,7 +79,9 @@ def cell_center(world: World, plane: int, frame: Frames, cell: int) -> Vec3:
 def _is_walled_off(world: World, plane: int, x: Vec3, y: Vec3) -> bool:
     """Return whether another plane separates two points of a plane, so that they receive different light.
 
-    plane : offset of its record in `world.planes`; always False in scenes with more than MOST_WALLS planes
+    It always returns False in scenes with more than MOST_WALLS planes.
+
+    plane : offset of its record in `world.planes`; x, y : the points, world space
     """
     if world.planes.size > MOST_WALLS * rec.PLANE_SIZE:
         return False

@@ -59,7 +59,7 @@ def lobe_numbers(lobe: Lobe, cosine: float) -> F8:
 def _moments(scratch: Scratch, i: int) -> tuple[Vec3, Five]:
     """Return the spherical harmonics (band 1, band 2) of the luminance that arrives at surface point i of the tile.
 
-    Those of uniform light of the same irradiance are subtracted.
+    The harmonics of uniform light of the same irradiance are subtracted.
     """
     points, at = scratch.shading_points, ARRIVING_MOMENTS + i
     second = at + 3 * TILE

@@ -123,7 +123,9 @@ def _light_at(world: World, x: Vec3, which: int, random: tuple[float, float]) ->
 
 @inline
 def _continue(world: World, i: int, sample: int, depth: int, lobe: float, scratch: Scratch) -> None:
-    """Sample the next direction of a path from surface point i, or end the path by Russian roulette, in rows NEXT*.
+    """Sample the next direction of a path from surface point i, or end the path by Russian roulette.
+
+    The direction, the new throughput (black at the end of a path), pdf and side are stored in rows NEXT*.
 
     sample, depth : indices of the sample and of the bounce; lobe : random number in [0, 1) that chooses the lobe
     """
