@@ -72,9 +72,9 @@ def _fills_picture(pixels: Floats) -> bool:
 
 
 def _nearest_pixels(pixels: Floats, rows: NDArray[np.int64]) -> tuple[Floats, NDArray[np.int64]]:
-    """Return the image distances to the four nearest other pixels, (m, 4), and the index of the nearest, (m,).
+    """Return the distances of pixels to their four nearest neighbours, (m, 4), and the index of the nearest, (m,).
 
-    pixels : (n, 2), image positions; rows : (m,), indices of the pixels whose neighbours are sought
+    pixels : (n, 2), image positions of points; rows : (m,), indices of the pixels whose neighbours are sought
     """
     order = np.argsort(pixels[:, 0])
     reach = min(int(4.0 * np.sqrt(len(pixels))), len(pixels) // 2)

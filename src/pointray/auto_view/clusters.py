@@ -36,9 +36,10 @@ def places(positions: Floats) -> NDArray[np.int64]:
 def find_main(positions: Floats) -> tuple[Flags, Flags]:
     """Find the points that the camera frames, and the distant points among the others.
 
-    A cluster is distant if its distance from the main cluster exceeds the size of the main cluster. At most 2% of the
-    points may be distant. Clusters are connected cells of a grid, which is refined to the main cluster until no
-    cluster is distant. Groups of less than 0.25% of the points are not framed either if they have at most 2% together.
+    A cluster is distant if its distance from the main (largest) cluster exceeds the size of the main cluster. At most
+    2% of the points may be distant. Clusters are connected cells of a grid, which is refined to the main cluster until
+    no cluster is distant. Clusters of less than 0.25% of the points are not framed either if all of these have at most
+    2% of the points.
 
     Parameters
     ----------
@@ -132,11 +133,11 @@ def _hash(rows: NDArray[np.uint64]) -> NDArray[np.uint64]:
 
 
 def _gaps(positions: Floats, group: NDArray[np.int64], low: Floats, high: Floats) -> Floats:
-    """Return the distance of the nearest point of each group from a box, (groups,); at most 0 if one is inside.
+    """Return the distance from a box to the nearest point of each group, (groups,); 0 or less if a point is inside.
 
-    The distance of a point is the largest along an axis.
+    The distance of a point is the largest of the distances along x, y and z.
 
-    positions : (n, 3); group : (n,), group number of each; low, high : (3,), corners of the box
+    positions : (n, 3); group : (n,), group number of each point; low, high : (3,), corners of the box
     """
     gap = np.maximum(low - positions, positions - high).max(axis=1)
     out = np.full(int(group.max()) + 1, np.inf)

@@ -46,7 +46,8 @@ class ContactShadow(NamedTuple):
     half : float
         Half the width of the grid.
     shadow : (CELLS, CELLS) float32
-        Share of light blocked at the cell centres; the first index runs along the first axis.
+        Alpha of the shadow at the cell centres: 0.8 times the share of light blocked, smoothed and faded out towards
+        the edge. The first index runs along the first axis.
     """
 
     middle: Floats
@@ -112,7 +113,7 @@ def contact_shadow(scene: Scene, positions: Floats, up: ArrayLike, key: ArrayLik
         Points of the standing object, world.
     up : (3,) array_like
     key : (3,) array_like, optional
-        Direction in which the key light travels, world. None: only the sky is blocked.
+        Direction in which the key (main) light travels, world. None: only light of the sky is blocked.
     """
     axes = axes_of(up)
     local = positions @ axes.T
@@ -137,7 +138,7 @@ def _directions(key: Floats | None) -> tuple[Floats, Floats]:
     The directions are in the axes of the grid (two along the ground, and up). All cells share one pattern under
     different rotations, which smoothing averages. Sky directions are cosine-distributed.
 
-    key : (3,), direction to the key light; None: only sky directions
+    key : (3,), direction towards the key (main) light; None or below the ground: only sky directions
     """
     k = np.arange(CELLS)
     turn = (k[:, None] * GOLDEN + k[None, :] * GOLDEN**2)[..., None] % 1.0
@@ -166,8 +167,9 @@ def _disc(count: int, turn: Floats) -> Floats:
 
 
 def _smooth_and_fade(shadow: Floats, place: Floats) -> NDArray[np.float32]:
-    """Smooth a grid of blocked light, (CELLS, CELLS), and fade it out towards the edge.
+    """Return the alpha of a shadow: 0.8 times the blocked light, smoothed and faded out towards the edge of the grid.
 
+    shadow : (CELLS, CELLS), share of light blocked at each cell
     place : (CELLS, CELLS, 3), position of each cell relative to the centre, in half widths of the grid
     """
     for axis in (0, 1):

@@ -120,9 +120,9 @@ def _broadside(positions: Floats) -> float:
 
 
 def _surroundings(positions: Floats, normals: Floats, middle: Floats) -> tuple[bool, bool]:
-    """Return whether walls stand all around a centre and face it, and whether there is a ceiling: then it is a room.
+    """Return whether walls stand all around a centre and face it, and whether there is a ceiling. A room has both.
 
-    positions, normals : (n, 3), right, front, up; middle : (3,), the centre
+    positions, normals : (n, 3), of a scan's points, with components right, front and up; middle : (3,), the centre
     """
     if len(positions) == 0:
         return False, False

@@ -111,10 +111,10 @@ def walls(shape: Shape) -> Scores:
 
 
 def ground(shape: Shape) -> tuple[Scores, Scores]:
-    """Score axes, x, -x, y, -y, z and -z, as up by the ground: two arrays, (6,).
+    """Score axes, x, -x, y, -y, z and -z, as up, once by the ground and once by the objects on it.
 
-    The first, from 0 to 1: by a horizontal surface below everything. The second, from -1 to 1: by objects that stand on
-    it, below half of the height.
+    Returns two arrays, (6,). The first, from 0 to 1, is high with a horizontal surface below everything. The second,
+    from -1 to 1, is high if the objects on that surface lie below half of the height.
     """
     floors, things = [], []
     for axis in range(3):
@@ -246,9 +246,10 @@ def _trunk_length(positions: Floats, axis: int, sign: float) -> float:
 
 
 def turning(shape: Shape) -> Scores:
-    """Score axes, x, -x, y, -y, z and -z, as vertical by a limited range of elevation: (6,), from 0 to 1.
+    """Score axes, x, -x, y, -y, z and -z, as vertical by how flat a belt the points form around the scanner.
 
-    A rotating scanner sees all around itself, but not far up and down.
+    A rotating scanner sees all around itself, but not far up and down. Scores, (6,), are from 0 to 1, and 1 if all
+    points have the same elevation.
     """
     away = shape.planes.positions - shape.eye
     far = np.linalg.norm(away, axis=1)

@@ -58,7 +58,7 @@ def frame_points(
     Returns
     -------
     Camera
-        Its target has the depth of the points' median.
+        The target has the depth of the points' median.
     """
     return _frame(sample, direction, up, lens, STRAY, free)
 
@@ -68,7 +68,7 @@ def frame_turning(sample: Sample, direction: ArrayLike, up: ArrayLike = (0, 0, 1
 
     The axis passes through the middle of the points, and the camera's target lies on it.
 
-    direction : from the points towards the camera
+    direction : (3,), from the points towards the camera; lens : field of view, size and projection
 
     Raises
     ------
@@ -135,11 +135,13 @@ def _frame(
 def _fit(
     points: Floats, depth: Floats, part: tuple[Floats, Floats], limits: tuple[float, float]
 ) -> tuple[float, float, float]:
-    """Return offsets of the camera to the right, upwards and backwards with which points fill a part of the image.
+    """Return the camera position at which points fill a part of the image.
+
+    The position is to the right, upwards and backwards, relative to the origin of the points' coordinates.
 
     points : (2, n), coordinates to the right and upwards; depth : (n,), coordinates along the view
-    part : half sizes and centre of the part, (2,) each, as tangents of angles from the view direction
-    limits : smallest distance of the camera, and share of the points at either side that may lie outside
+    part : (half sizes, centre) of the part, (2,) each, as tangents of angles from the view direction
+    limits : (smallest backward position, share of the points that may lie outside at each side of the part)
     """
     (room, aim), (least, stray) = part, limits
     shift, distance = np.zeros(2), 2.0 * max(least, float(np.abs(points).max(initial=0.0)) / float(room.min()))

@@ -25,7 +25,7 @@ class Planes(NamedTuple):
     positions, normals : (m, 3) float64
         The sign of a normal has no meaning.
     flat, scattered : (m,) bool
-        Whether the neighbours lie in a plane or along a line; whether they fill a volume.
+        Whether the points of a neighbourhood lie in a plane or along a line; whether they fill a volume.
     """
 
     positions: Floats

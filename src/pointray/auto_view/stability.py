@@ -52,9 +52,9 @@ class Ends(NamedTuple):
         return cls(base, top, across, lowest, highest, size)
 
     def stances(self) -> tuple[float, float]:
-        """Return scores of how stably the object stands as it is, and upside down.
+        """Return two scores of how stably the object stands: on its low end, and upside down on its high end.
 
-        1 for a cone on its base, -1 or less for one on its tip.
+        A score is 1 for a cone on its base, and -1 or less for a cone on its tip.
         """
         whole = _outline_and_cells(self.whole, self.whole)
         low, high = (_spread(end, self.whole, whole) for end in (self.low, self.high))
@@ -78,11 +78,12 @@ class Ends(NamedTuple):
 
 
 def _spread(part: Floats, whole: Floats, of_whole: tuple[float, int]) -> float:
-    """Return the share of the object, seen along the axis, that the points of a part cover, from 0 to 1.
+    """Return the share of an object, seen along an axis, that the points of a part of it cover, from 0 to 1.
 
-    It is the geometric mean of the shares of outline and occupied cells.
+    The result is the geometric mean of two shares: of the outline's area and of the occupied cells.
 
-    part, whole : (n, 2), points of the part, and all; of_whole : outline area and number of cells of the whole
+    part, whole : (n, 2), points of the part, and all points of the object
+    of_whole : (area of the outline, number of occupied cells) of all points
     """
     if len(part) < FEW:
         return 0.0

@@ -97,7 +97,7 @@ class Up(NamedTuple):
 
     @property
     def direction(self) -> tuple[float, float, float]:
-        """Unit vector of the axis."""
+        """Up direction as a unit vector, (x, y, z)."""
         return axis_direction(self.axis)
 
 

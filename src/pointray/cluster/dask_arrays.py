@@ -70,17 +70,18 @@ def chunked_like(
     forms: Mapping[str, ArrayForm],
     shared: Distribution | None = None,
 ) -> dict[str, Any]:
-    """Return Dask arrays whose chunks are computed on demand from a scene and the chunks of arrays of rays, by name.
+    """Return a dict of Dask arrays, whose chunks are computed on demand from a scene and the chunks of arrays of rays.
 
     Parameters
     ----------
-    work : function and arguments
-        The function, of a module, takes a snapshot of the scene, these arguments, the chunks of `arrays`, a number of
-        threads and a `Progress` (both may be None). It returns a dict of arrays as described by `forms`.
+    work : (function, *arguments)
+        The module-level function is called with a snapshot of the scene, the arguments, the worker's entry in
+        `shared.homes` (if given), the tuple of the chunks of `arrays`, a number of threads and a `Progress` (both may
+        be None). It returns a dict of arrays as described by `forms`.
     arrays : sequence
-        Origins and directions, (..., 3), and limits, (...); broadcast.
+        Origins and directions, (..., 3), t_min and t_max, (...), which are broadcast.
     forms : dict of str to ArrayForm
-        Types of the returned arrays, by name.
+        Type of each returned array, by name.
     shared : Distribution, optional
         Distribution over workers that hold different parts. None: one worker, any, computes a chunk.
     """
@@ -117,7 +118,9 @@ def chunked_like(
 def _make(*chunks: Any, work: tuple[Any, ...], scene: SerializedScene) -> Any:
     """Compute a chunk of the results: a dict of arrays by name.
 
-    chunks : of the arrays of rays; work : function and first arguments, see `chunked_like`
+    chunks : chunks of origins, directions, t_min and t_max
+    work : (function, *arguments); called with a snapshot of the scene, the arguments, `chunks`, a number of threads and
+        a progress callback
     """
     function, *args = work
     return scene.use(function, (*args, chunks))
@@ -128,8 +131,10 @@ def _make_shared(*chunks: Any, work: tuple[Any, ...], shared: Distribution, scen
 
     The tasks are submitted here, as Dask's optimization of arrays drops the assignment to workers from a graph.
 
-    chunks : of the arrays of rays; work : function and first arguments, see `chunked_like`
-    shared : which parts each worker holds, and the function that merges their results
+    chunks : chunks of origins, directions, t_min and t_max
+    work : (function, *arguments); called with a snapshot of the scene, the arguments, the parts that a worker holds,
+        `chunks`, a number of threads and a progress callback
+    shared : which parts each worker holds, and the function that merges the workers' results
     """
     function, *args = work
     if worker_here() is None:
@@ -149,6 +154,6 @@ def _use(scene: SerializedScene, function: Callable[..., Any], args: tuple[Any, 
     """Compute the results of a chunk of rays for the parts of the scene that one worker holds, on that worker.
 
     function : called with a snapshot of the scene, `args`, `chunks`, a number of threads and a progress callback
-    chunks : of the arrays of rays
+    chunks : chunks of origins, directions, t_min and t_max
     """
     return scene.use(function, (*args, chunks))

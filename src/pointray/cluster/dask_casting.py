@@ -77,7 +77,8 @@ def _intersect(
 ) -> dict[str, Any]:
     """Return the closest hits of a chunk of rays: the arrays of `Hits` by field, attributes as "attributes NAME".
 
-    names : of the attributes; threads, check : number of threads and progress callback; may be None
+    names : names of the attributes; rays : origins, directions, t_min and t_max
+    threads, check : number of threads and progress callback; may be None
     """
     hits = vars(intersect_snapshot(scene, *check_rays(*rays), names, Pace(threads, check)))
     return {**hits, **{_key(name): values for name, values in hits["attributes"].items()}}
@@ -86,6 +87,7 @@ def _intersect(
 def _occlude(scene: Snapshot, rays: RayArguments, threads: int | None, check: Any) -> dict[str, Any]:
     """Return whether the rays of a chunk are blocked: {"occluded": bool array}.
 
+    rays : origins, directions, t_min and t_max
     threads, check : number of threads and progress callback; may be None
     """
     return {"occluded": occluded_snapshot(scene, *check_rays(*rays), Pace(threads, check))}
@@ -103,11 +105,12 @@ def _homes(scene: SceneLike, now: Snapshot) -> dict[str, Rows]:
 def _intersect_held(
     scene: Snapshot, names: tuple[str, ...], rows: Rows, rays: RayArguments, threads: int | None, check: Any
 ) -> dict[str, Any]:
-    """Return the closest hits of a chunk with the instances that one worker holds, and their distances in float64.
+    """Return the closest hits of a chunk of rays with the instances that one worker holds: a dict of arrays by name.
 
-    The distances, under "along", decide between the hits of several workers.
+    The distances along the rays, "along" in float64, decide between the hits of several workers.
 
-    names : of attributes; rows : of the instances; threads, check : number of threads and progress callback or None
+    names : names of attributes; rows : rows of these instances in the scene
+    rays : origins, directions, t_min and t_max; threads, check : number of threads and progress callback or None
     """
     found = _intersect(held_scene(scene, rows), names, rays, threads, check)
     del found["attributes"]  # contained one by one
@@ -119,7 +122,8 @@ def _intersect_held(
 def _occlude_held(scene: Snapshot, rows: Rows, rays: RayArguments, threads: int | None, check: Any) -> dict[str, Any]:
     """Return whether the rays of a chunk are blocked by the instances that one worker holds: {"occluded": bool array}.
 
-    rows : of the instances; threads, check : number of threads and progress callback or None
+    rows : rows of these instances in the scene; rays : origins, directions, t_min and t_max
+    threads, check : number of threads and progress callback or None
     """
     return _occlude(held_scene(scene, rows), rays, threads, check)
 

@@ -32,8 +32,9 @@ class _Assignment:
     """A job on a worker, until its result has been received.
 
     attempt : number of the attempt, from 1; increases when a worker is lost
-    worker : its address; future : Dask's future of the job
-    begun : estimated time at which the worker began the job, or to send the result
+    worker : address of the worker; future : Dask's future of the job
+    begun : estimated time (`time.monotonic`) at which the worker began the job; once the job is finished, at which
+        the transfer of the result began
     result : future of the transfer of the result; None while the job is not finished
     """
 

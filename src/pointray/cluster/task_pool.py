@@ -80,7 +80,7 @@ class TaskPool:
 
 
 def do_task(scene: None, number: int, todo: bytes, threads: int | None, check: Progress | None) -> bytes:
-    """Call a function with a number on a worker and return its pickled result: the function that each job runs.
+    """Call a function with a number on a worker and return the pickled result. Each job of a `TaskPool` runs this.
 
     scene : not used; todo : the function to call, pickled; threads : limit of the threads of kernels
     check : raises DroppedError if the result is no longer needed; None: not called

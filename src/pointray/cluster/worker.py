@@ -45,7 +45,7 @@ class JobSpec:
     scene : unique name of the scene, key of the worker's cache
     work : module-level function that takes the scene's snapshot, `args`, shared values, a number of threads and a
         `Progress`
-    value_count : number of shared values, which are sent separately
+    value_count : number of shared values: objects that many jobs need, sent to each worker once, apart from the jobs
     """
 
     scene: str
@@ -187,9 +187,10 @@ def _load(place: Place) -> Model:
 
 
 def _get_or_make(cache: OrderedDict[K, T], key: K, most: int, make: Callable[[], T]) -> T:
-    """Return an object from a cache, or make it and add it.
+    """Return the object with a key from a cache, or make it and add it to the cache.
 
-    most : size of the cache; the least recently used object is dropped
+    most : largest number of objects in the cache, beyond which the least recently used one is dropped
+    make : called to make the object
     """
     if key not in cache:
         made = make()

@@ -22,9 +22,11 @@ from .integrate import Pass, render_tiles
 
 @inline
 def _receive(world: World, job: Pass, first: bool, scratch: Scratch) -> Bits:
-    """Add the radiance of area lights and sky that the tile's rays hit; return the rays that hit anything (bits).
+    """Add the light of area lights and sky that the tile's rays hit to the rays' radiance in scratch memory.
 
-    first : whether these are camera rays, which see the sky only if it is the background
+    Returns the rays that hit a surface, a light or the sky (bits).
+
+    job : settings of the pass; first : whether these are camera rays, which see the sky only if it is the background
     """
     met = meet_lamps(world, scratch)
     for i in range(TILE):
@@ -46,7 +48,7 @@ def _sees_nothing(world: World, job: Pass, scratch: Scratch) -> bool:
 def _integrate_baked(world: World, camera: Array, job: Pass, sample: int, scratch: Scratch) -> None:
     """Integrator "baked": add one sample of a tile to the pixel sums: direct and baked light, mirrors and glass.
 
-    sample : index of the sample, for random numbers
+    job : settings of the pass; sample : index of the sample, for random numbers; camera : not used
     """
     draw = sample if job.draws else -1
     begin_radiance(scratch)
@@ -77,6 +79,7 @@ def baked_frame(work: Array, world: World, camera: Array, job: Pass, film: Array
     """Render blocks of an image with the integrator "baked": direct light, and indirect light baked in advance.
 
     work : counter from which threads take blocks; camera : (16,), eye, axes, projection and lens
-    film : (h, w, k), sums of the samples, or empty; image : (h, w, 4), their means
+    job : settings and range of samples; image : (h, w, 4), the result, mean RGB over the background and alpha
+    film : (h, w, k), updated, k sums over the samples of each pixel (RGB, hits and so on), or empty to keep none
     """
     render_tiles(_integrate_baked, work, world, camera, job, film, image)

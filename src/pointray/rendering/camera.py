@@ -311,11 +311,12 @@ class Camera:
 
 
 def _fit(offset: NDArray[np.float64], depth: NDArray[np.float64], half: float) -> tuple[float, float]:
-    """Return position along one image axis, and distance, of the nearest camera whose view encloses a box.
+    """Return where the nearest camera stands whose view encloses a box between two opposite side planes of the view.
 
-    Only the two side planes of the view on this axis count. The position is relative to the box's centre.
+    Returns the camera's position along one image axis, and its distance backwards along the view, both from the centre
+    of the box. The side planes are those that limit the image on this axis.
 
-    offset, depth : (8,), coordinates of the box's corners along that axis and along the view, from its centre
+    offset, depth : (8,), coordinates of the box's corners along the axis and along the view, from the box's centre
     half : tangent of half the field of view along the axis
     """
     high, low = np.max(offset - depth * half), np.max(-offset - depth * half)

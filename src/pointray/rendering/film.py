@@ -43,11 +43,12 @@ def pixel_of(corner: Corner, i: int) -> Corner:
 
 @inline
 def begin_tile(corner: Corner, size: Size, seed: int, scratch: Scratch) -> None:
-    """Set the keys of a tile's pixels, from which their random numbers are computed.
+    """Store a number for each pixel of a tile in scratch memory, from which the pixel's random numbers are computed.
 
-    Pixels beyond the image's edge repeat its last ones.
+    Pixels of the tile beyond the edge of the image get the numbers of the nearest pixels inside.
 
     corner : column and row of the tile's first pixel; size : (width, height) of the image
+    seed : seed of the image's random numbers
     """
     for i in range(sc.TILE):
         x, y = pixel_of(corner, i)
@@ -105,7 +106,9 @@ def _blur(camera: Array, sample: int, scratch: Scratch) -> None:
 def set_pixel_rays(
     camera: Array, size: Size, corner: Corner, sample: int, drawn: tuple[int, int], scratch: Scratch
 ) -> None:
-    """Set the tile's rays to one sample of its pixels; a single sample goes through the pixel centres.
+    """Set the tile's rays in scratch memory to one sample of each pixel.
+
+    If a pixel has a single sample, the ray goes through the centres of the pixel and of the lens.
 
     camera : (16,), eye, axes, projection and lens; size : (width, height) of the image
     corner : column and row of the tile's first pixel; sample : index of the sample
@@ -138,9 +141,10 @@ def set_pixel_rays(
 def begin_sums(corner: Corner, first: int, film: Array, scratch: Scratch) -> None:
     """Load the sums of a tile's pixels over their first samples from the film into scratch memory, to add more samples.
 
-    Without samples in the film all sums start at 0; those beyond its k sums always do.
+    All sums are set to 0 if there are no samples yet. Sums that the film does not keep are always set to 0.
 
-    corner : column and row of the tile's first pixel; first : number of samples so far; film : (h, w, k) float32
+    corner : column and row of the tile's first pixel; first : number of samples so far
+    film : (h, w, k) float32, the k sums kept of each pixel: RGB, number of hits and so on
     """
     sums = scratch.sums
     sums[:] = 0.0
@@ -230,10 +234,11 @@ def fill_tile(corner: Corner, background: Background, image: Array) -> None:
 
 @inline
 def finish_sums(corner: Corner, done: int, background: Background, film: Array, image: Array, scratch: Scratch) -> None:
-    """Store the sums of a tile's pixels in the film, if any, and write their means over the background to the image.
+    """Store the sums of a tile's pixels in the film, if any, and the pixels' means over the background in the image.
 
     corner : column and row of the tile's first pixel; done : number of samples in the sums
-    background : RGB and alpha; film : (h, w, k), or empty; image : (h, w, 4)
+    film : (h, w, k), the k sums kept of each pixel (RGB, number of hits and so on), or empty
+    image : (h, w, 4), mean RGB and alpha; background : RGB and alpha
     """
     sums, height, width = scratch.sums, image.shape[0], image.shape[1]
     if film.size > 0:

@@ -59,15 +59,19 @@ RayPair: TypeAlias = tuple[Vec3, Vec3]  # origin and direction, world
 class Pass(NamedTuple):
     """Parameters of a pass (a range of samples of all pixels) for kernels, besides the world and the camera.
 
-    integrator : number in `choices.INTEGRATORS`; shadows : whether direct light casts shadows
+    integrator : number in `choices.INTEGRATORS`
+    shadows : whether direct light casts shadows
     muted : whether back faces are desaturated and lit without shadows, so that holes of a scan are not black
-    max_depth : maximum number of bounces, or of successive mirrors and glass surfaces
+    max_depth : maximum number of bounces of a path; for "phong" and "baked", of successive mirrors and glass surfaces
     sky_shows : whether camera rays that hit nothing see the sky
-    sky_rays, ao_distance : rays a sample for sky visibility; length of these rays and of ambient occlusion
-    seed : of the random numbers; spp : samples a pixel after the last pass; filter : number in `choices.FILTERS`
-    draws : whether samples draw random numbers
-    first, end : range of sample indices
-    window : pixels (left, top, right, bottom) outside of which rays hit nothing
+    sky_rays : rays a sample that test whether the sky is visible, 0 for none
+    ao_distance : length of these rays, and of those of ambient occlusion, in world units
+    seed : seed of the random numbers
+    spp : samples a pixel after the last pass
+    filter : number of the pixel filter in `choices.FILTERS`
+    draws : whether random numbers are needed: for several samples a pixel, for `sky_rays`, or by the integrator
+    first, end : range of the sample indices of this pass
+    window : (left, top, right, bottom) in pixels; rays through pixels outside hit nothing
     background : RGB and alpha
     """
 
@@ -132,9 +136,10 @@ def render_tiles(
 
     This is the loop of all rendering kernels.
 
-    integrate : adds one sample of a tile to its sums; work : counter from which threads take blocks
-    camera : (16,), eye, axes, projection and lens
-    film : (h, w, k), sums of the samples, or empty; image : (h, w, 4), their means
+    integrate : adds one sample of a tile to its pixel sums in scratch memory
+    work : counter from which threads take blocks; camera : (16,), eye, axes, projection and lens
+    job : settings and range of samples; image : (h, w, 4), the result, mean RGB over the background and alpha
+    film : (h, w, k), updated, k sums over the samples of each pixel (RGB, hits and so on), or empty to keep none
     """
     memory = new_scratch(world.longest)
     scratch, world, camera = borrow(memory), borrow(world), borrow(camera)
@@ -213,9 +218,11 @@ def _add_costs(world: World, scratch: Scratch) -> None:
 
 @inline
 def _integrate_first_hit(world: World, camera: Array, job: Pass, sample: int, scratch: Scratch) -> None:
-    """Integrators "normal", "depth", "color", "cost": add a value at a tile's first hits to the pixel sums.
+    """Integrators "normal", "depth", "color", "cost": add one sample of a tile, the value shown, to the pixel sums.
 
-    For "cost" it is the number of nodes and leaves visited, whether a ray hits or not.
+    Shown is the normal, depth or colour at the first hits; for "cost" the nodes and leaves visited, also by a miss.
+
+    camera : (16,), eye, axes, projection and lens; job : settings of the pass; sample : not used
     """
     if job.integrator == COST:
         _add_costs(world, scratch)
@@ -237,7 +244,7 @@ def _direct_light(world: World, job: Pass, sample: int, scratch: Scratch) -> Bit
 
     Returns the rays that have hit anything (bits).
 
-    sample : index of the sample, for random numbers
+    job : settings of the pass; sample : index of the sample, for random numbers
     """
     met = i64(0)
     begin_radiance(scratch)
@@ -271,7 +278,10 @@ def _direct_light(world: World, job: Pass, sample: int, scratch: Scratch) -> Bit
 
 @inline
 def _integrate_direct(world: World, camera: Array, job: Pass, sample: int, scratch: Scratch) -> None:
-    """Integrator "phong": add one sample of a tile to the pixel sums: direct light, hard shadows, mirrors, glass."""
+    """Integrator "phong": add one sample of a tile to the pixel sums: direct light, hard shadows, mirrors, glass.
+
+    job : settings of the pass; sample : index of the sample, for random numbers; camera : not used
+    """
     trace_tile(world, scratch)
     if meets_nothing(scratch) and not job.sky_shows:  # only background: saves 40% of an empty frame
         return
@@ -281,7 +291,10 @@ def _integrate_direct(world: World, camera: Array, job: Pass, sample: int, scrat
 
 @inline
 def _integrate_occlusion(world: World, camera: Array, job: Pass, sample: int, scratch: Scratch) -> None:
-    """Integrator "ao": add one sample of a tile, with ambient occlusion at the first hits, to the pixel sums."""
+    """Integrator "ao": add one sample of a tile, with ambient occlusion at the first hits, to the pixel sums.
+
+    job : settings of the pass; sample : index of the sample, for random numbers; camera : not used
+    """
     begin_radiance(scratch)
     trace_tile(world, scratch)
     describe_tile(world, True, scratch)
@@ -301,7 +314,10 @@ def _integrate_occlusion(world: World, camera: Array, job: Pass, sample: int, sc
 
 @inline
 def _integrate_paths(world: World, camera: Array, job: Pass, sample: int, scratch: Scratch) -> None:
-    """Integrator "path": add one sample of a tile, a path with all its bounces for each ray, to the pixel sums."""
+    """Integrator "path": add one sample of a tile, a path with all its bounces for each ray, to the pixel sums.
+
+    job : settings of the pass; sample : index of the sample, for random numbers; camera : not used
+    """
     begin_radiance(scratch)
     begin_paths(scratch)
     add_sample(trace_paths(world, sample, job.max_depth, job.sky_shows, scratch), scratch)
@@ -329,7 +345,8 @@ def quick_frame(work: Array, world: World, camera: Array, job: Pass, film: Array
     """Render blocks of an image with the integrator "phong", "normal", "depth", "color" or "cost", as set in `job`.
 
     work : counter from which threads take blocks; camera : (16,), eye, axes, projection and lens
-    film : (h, w, k), sums of the samples, or empty; image : (h, w, 4), their means
+    job : settings and range of samples; image : (h, w, 4), the result, mean RGB over the background and alpha
+    film : (h, w, k), updated, k sums over the samples of each pixel (RGB, hits and so on), or empty to keep none
     """
     render_tiles(_integrate_quick, work, world, camera, job, film, image)
 
@@ -339,6 +356,7 @@ def sampled_frame(work: Array, world: World, camera: Array, job: Pass, film: Arr
     """Render blocks of an image with the integrator "ao" or "path", as set in `job`.
 
     work : counter from which threads take blocks; camera : (16,), eye, axes, projection and lens
-    film : (h, w, k), sums of the samples, or empty; image : (h, w, 4), their means
+    job : settings and range of samples; image : (h, w, 4), the result, mean RGB over the background and alpha
+    film : (h, w, k), updated, k sums over the samples of each pixel (RGB, hits and so on), or empty to keep none
     """
     render_tiles(_integrate_sampled, work, world, camera, job, film, image)

@@ -53,7 +53,9 @@ def _tent(u: float) -> float:
 def _gaussian(u: float, v: float) -> tuple[float, float]:
     """Return a random position of a sample, distributed as the Gaussian filter truncated at a circle.
 
-    The position is in pixels right and down from the pixel centre (Box and Muller 1958). u, v : random numbers, 0 to 1
+    The position is in pixels right and down from the pixel centre, at most 1.5 away (Box and Muller 1958).
+
+    u, v : random numbers, 0 to 1
     """
     radius = SIGMA * math.sqrt(-2.0 * math.log(1.0 - u * _WITHIN))
     return radius * math.cos(2.0 * math.pi * v), radius * math.sin(2.0 * math.pi * v)
@@ -70,10 +72,12 @@ def _blackman_harris(u: float) -> float:
 
 @inline
 def position_in_pixel(key: int, sample: int, shape: int) -> tuple[float, float]:
-    """Return a random position for a sample, in pixels right and down from the pixel centre, distributed as the filter.
+    """Return a random position for a sample, in pixels right and down from the pixel centre.
+
+    The positions of all samples are distributed as the pixel filter.
 
     key : number of the pixel, from which random numbers are computed; sample : index of the sample
-    shape : number of the filter
+    shape : number of the pixel filter
     """
     u, v = sample_pair(key, sample, IN_PIXEL)
     if shape == TENT:
@@ -87,7 +91,10 @@ def position_in_pixel(key: int, sample: int, shape: int) -> tuple[float, float]:
 
 @inline
 def on_screen(size: tuple[int, int], x: float, y: float) -> tuple[float, float]:
-    """Map a position in pixels, x right and y down, to (u, v): -1 to 1 from left to right and from bottom to top."""
+    """Map a position in pixels, x right and y down, to (u, v): -1 to 1 from left to right and from bottom to top.
+
+    size : width and height of the image in pixels; x, y : from the top left corner of the image
+    """
     return 2.0 * x / size[0] - 1.0, 1.0 - 2.0 * y / size[1]
 
 
@@ -116,7 +123,8 @@ def project(camera: Array, projection: int, u: float, v: float) -> tuple[Vec3, V
 def through_lens(camera: Array, ray: tuple[Vec3, Vec3], position: tuple[float, float]) -> tuple[Vec3, Vec3]:
     """Return a camera ray (o, d) moved to another point of the lens; both rays meet in the plane in focus.
 
-    camera : (16,), eye, axes, projection and lens; position : of the point, on the unit disc
+    camera : (16,), eye, axes, projection and lens; ray : through the lens's centre
+    position : (x, y) of the other point on the lens, in lens radii from the centre
     """
     x, y = position[0] * camera[rec.LENS_RADIUS], position[1] * camera[rec.LENS_RADIUS]
     aside = add(scale(unit(load3_flat(camera, rec.ACROSS)), x), scale(unit(load3_flat(camera, rec.UPWARD)), y))

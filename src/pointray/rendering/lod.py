@@ -47,7 +47,7 @@ def at_distance(
     fetch: Fetch | None = None,
     held: NDArray[np.int64] | None = None,
 ) -> tuple[World, NDArray[np.int64]]:
-    """Return a scene's world with a level of detail for each instance, and these levels.
+    """Return a scene's world with a level of detail chosen for each instance, and the chosen levels.
 
     An instance gets the coarsest level whose splats are small enough for the size of a pixel at its nearest point.
     Instances coloured by classes of an attribute keep the model with all points, unless they are parts on disk.
@@ -144,11 +144,13 @@ class Fitting:
 
 
 def _open_levels(fetch: Fetch, fitting: Fitting, wanted: NDArray[np.int64], spp: int | None) -> NDArray[np.int64]:
-    """Return open levels close to the wanted ones, and request the wanted ones, visible and near ones first.
+    """Return the level of detail to show now for each instance, (n,): an open one close to the wanted one.
 
-    Levels that suffice for one sample a pixel are requested before, so that the first image can show them.
+    The wanted levels are requested from `fetch`, those of visible and near instances first; before them, coarser ones
+    that suffice for one sample a pixel, so that the first image can show them.
 
-    wanted : (n,), the best level of detail of each instance; spp : samples a pixel, None without levels
+    fetch : opens models on disk in the background; fitting : the instances' models, visibility and pixel sizes
+    wanted : (n,), the best level of each instance; spp : samples a pixel, None: only models with all points
     """
     order = np.lexsort((fitting.pixels, ~fitting.is_seen)).tolist()
     families, shapes = fitting.families, fitting.shapes
@@ -169,9 +171,11 @@ def _open_levels(fetch: Fetch, fitting: Fitting, wanted: NDArray[np.int64], spp:
 
 
 def _nearest_open(fetch: Fetch, family: tuple[Model, ...], level: int) -> int:
-    """Return the open level of detail to show in place of a level, or the level itself if none can be opened.
+    """Return the index of the open level of detail to show in place of a wanted one, which may be open itself.
 
-    family : a model on disk and its levels; level : index in it
+    If none is open, the coarsest level is opened now; if that fails, the wanted index is returned.
+
+    family : a model on disk and its levels; level : index of the wanted level in `family`
     """
     finer, coarser = range(level, max(level - SKIPPED, 0) - 1, -1), range(level + 1, len(family))
     for near in (*finer, *coarser):
@@ -206,10 +210,10 @@ def _repaint(
 ) -> NDArray[np.int64]:
     """Set the paints (colour tables of attributes) of one model's instances to those of their levels of detail.
 
-    Returns the levels, 0 where the paints have no levels.
+    Returns the levels to use, (n,): 0 (all points) where a paint was made for another number of levels.
 
-    instances : (m, 16), records of all instances, modified; rows : those of this model; level : of each of these
-    count : number of the model's levels, some of which may have been made after the paints
+    instances : (m, 16), records of all instances, modified; rows : (n,), rows of this model's instances
+    level : (n,), level of each of these, modified; count : number of the model's levels, which may have changed since
     """
     painted = np.flatnonzero(instances[rows, rec.PAINT] >= 0)
     records = world.paints.reshape(-1, rec.PAINT_SIZE)[instances[rows[painted], rec.PAINT].astype(int)]

@@ -289,7 +289,7 @@ class Picture:
     def _run(
         self, samples: tuple[int, int], blocks: tuple[int, int], progress: Progress | None, cancel: Cancel | None = None
     ) -> None:
-        """Add samples to some blocks of pixels in this process.
+        """Add samples to some blocks of the image, and to their sums in the film, in this process.
 
         samples : range of sample indices; blocks : number of the first block, and their count
         """
@@ -304,7 +304,7 @@ class Picture:
         run(self._kernel, blocks[1], *args, threads=threads, progress=progress, cancel=cancel, first=blocks[0])
 
     def _forward_rays(self, executor: Executor, samples: tuple[int, int], progress: Progress | None) -> None:
-        """Add samples to all pixels, with rays sent to the workers that hold the models.
+        """Add samples to all pixels of the image, with rays sent to the workers that hold the models.
 
         samples : range of sample indices
         """
@@ -319,9 +319,9 @@ class Picture:
         add_by_waves(executor, self._scene, view, picture, samples, progress)
 
     def add_to(self, order: Order, progress: Progress | None) -> tuple[Floats, Floats | None]:
-        """Add samples to a piece of the image, as an order from another process requests.
+        """Add samples to a piece of the image, as an order (a request from another process) says.
 
-        Returns the piece of the image, (h, w, 4), and its sums over samples, (h, w, k), if the order requests them.
+        Returns the piece, (h, w, 4), and the sums over samples of its pixels, (h, w, k), if the order requests them.
         """
         piece = order.piece
         if order.sums is not None:
@@ -337,7 +337,7 @@ class Picture:
 def render_piece(
     scene: Snapshot, order: Order, threads: int, progress: Progress | None
 ) -> tuple[Floats, Floats | None]:
-    """Render a piece of an image on a worker.
+    """Render the piece of an image that an order (a request from the client) names, on a worker.
 
     Returns the piece, (h, w, 4), and its sums over samples, (h, w, k), if the order requests them.
     """

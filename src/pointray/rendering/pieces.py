@@ -30,8 +30,8 @@ Floats = NDArray[np.float32]
 class Piece(NamedTuple):
     """Part of an image that one job renders: consecutive blocks of 16 x 16 pixels.
 
-    block, blocks : number of its first block, and count of blocks
-    rows, columns : ranges (begin, end) of pixels
+    block, blocks : number of the first block, row by row in the image, and count of blocks
+    rows, columns : ranges (begin, end) of rows and of columns of pixels that the blocks cover
     """
 
     block: int
@@ -77,7 +77,7 @@ Work = Callable[..., tuple[Floats, Floats | None]]
 
 
 def cut(size: tuple[int, int], wanted: int) -> list[Piece]:
-    """Divide an image into about `wanted` pieces of whole blocks: bands of its full width, or parts of rows of blocks.
+    """Divide an image into about `wanted` pieces of whole blocks: bands of full width, or parts of rows of blocks.
 
     size : width and height in pixels
     """
@@ -120,11 +120,11 @@ def add_in_pieces(
     target: tuple[Floats, Floats],
     progress: Callable[[float], None] | None,
 ) -> None:
-    """Add samples to the whole image, piece by piece, with jobs for an executor.
+    """Add samples to a whole image and its film (sums over samples), piece by piece, with jobs for an executor.
 
     work : renders a piece on a worker; takes the snapshot, an order, a number of threads and a progress callback
     order : camera, settings, background and range of samples of the image; its piece is ignored
-    target : image, (h, w, 4), and film (sums over samples), (h, w, k); an empty film is not updated
+    target : (image, film), where the results are stored: (h, w, 4), and (h, w, k) or empty, which is not updated
     """
     image, film = target
     pieces = pieces_for(order.camera.size, executor.workers)

@@ -33,8 +33,8 @@ def plan(
 
     The world has levels of detail, baked light and a default sky as the settings require.
 
-    fetch : opens models on disk in the background, while other levels are shown; None: they are opened now
-    held : rows of the instances whose models on disk are opened; rays miss others. None: all
+    fetch : opens models on disk in the background, while other levels of detail are shown; None: open them now
+    held : rows of the instances to open; rays miss other instances whose models are on disk. None: open all
     """
     if settings.levels or fetch is not None:
         world, levels = at_distance(scene, camera, settings.most if settings.levels else None, fetch, held)

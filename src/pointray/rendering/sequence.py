@@ -103,10 +103,11 @@ def render_each(
 ) -> Iterator[Floats]:
     """Render the frames of a film, with validated arguments, and yield them in order, each (h, w, 4).
 
-    Each worker renders whole frames. With denoising or spread models, all render one frame after the other.
+    Each worker renders whole frames. With denoising or spread models, all workers render one frame after the other.
 
-    progress : called with the completed fraction of the film; numbers : of the frames, for the dashboard; None: from 0
-    spread : whether each worker opens only some parts of models; None: if they do not fit into its memory
+    progress : called with the completed fraction of the film
+    numbers : frame numbers shown on the dashboard; None: 0, 1, 2 and so on
+    spread : whether each worker opens only some parts of models; None: only if a worker's memory cannot hold all parts
     """
     now, executor = snapshot_and_executor(scene, client, spread)
     if executor is None or executor.spread or settings.denoised:
@@ -126,9 +127,9 @@ def _render_whole(
 ) -> Iterator[tuple[int, Floats]]:
     """Render the frames of a film on workers; yield each with its index when it is finished, in any order.
 
-    At most AHEAD frames a worker are ahead of the first missing one, as finished frames are kept in memory.
+    At most AHEAD (4) frames a worker are begun beyond the first unfinished one; finished frames wait for it in memory.
 
-    names : of the frames, for the dashboard
+    names : names of the frames, shown on the dashboard; progress : called with the finished share of the film
     """
     number_of: dict[Job, int] = {}
     jobs = deque[Job]()

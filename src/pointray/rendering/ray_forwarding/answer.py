@@ -26,15 +26,15 @@ Rays: TypeAlias = tuple[Array, Array, Array, Array]  # origins, directions, ends
 def _answer(
     work: Array, world: World, rays: Rays, tiles: tuple[Array, Array], any_hit: bool, out: tuple[Array, Array]
 ) -> None:
-    """Intersect rays that another process has sent, tile by tile.
+    """Intersect a world with rays that another process has sent, tile by tile, and store the hits in `out`.
 
     work : counter from which threads take batches of tiles
-    rays : origins (n * 3,), directions (n * 3,), largest t (n,) and sides (n,) of the rays
-    tiles : (n,) uint8, index of each ray in its tile, with a mark at the first ray; (m + 1,) int64, the first ray of
-        each of m tiles, then n
+    rays : (origins, directions, largest t, sides), the first two (n * 3,), the others (n,)
+    tiles : (slots, begins), (n,) uint8 index of each ray in its tile, with a mark at the first ray of a tile, and
+        (m + 1,) int64 row of the first ray of each of m tiles, then n
     any_hit : whether to test for occlusion only
-    out : instances (n,) int32, -1 for a miss; facts (n * 8,) float64: t, normal, color, and the offset of secondary
-        rays from the surface
+    out : (instances, facts), (n,) int32 row of the instance hit (0 with `any_hit`) or -1 for a miss, and
+        (n * 8,) float64 t, normal, color and offset of secondary rays from the surface (empty with `any_hit`)
     """
     origins, directions, ends, sides = borrow(rays[0]), borrow(rays[1]), borrow(rays[2]), borrow(rays[3])
     slots, begins, instances, facts = borrow(tiles[0]), borrow(tiles[1]), borrow(out[0]), borrow(out[1])
@@ -74,7 +74,7 @@ def _answer(
 
 
 def answer(world: World, rays: Array, slots: Array, any_hit: bool, pace: Pace = PLAIN) -> tuple[Array, Array]:
-    """Intersect rays that another process has sent with the models of this one, and return what shading needs.
+    """Intersect a world with rays that another process has sent, and return the hits with the data for shading.
 
     Parameters
     ----------

@@ -89,11 +89,12 @@ def add_by_waves(
     samples: tuple[int, int],
     progress: Callable[[float], None] | None,
 ) -> None:
-    """Add samples to the whole image, with rays sent to the workers that hold the models.
+    """Add samples to a whole image, with rays sent to the workers that hold the models.
 
     executor : workers of the same scene
     scene : with the lights that follow the camera fixed in the world, and no parts on disk opened
-    view : for the selection of levels of detail; picture : arguments of the rendering kernel, with the image
+    view : camera and samples a pixel, from which workers select levels of detail
+    picture : the rendering kernel and its arguments, among them the image, where the result is stored
     samples : range of sample indices
     """
     RayExchange(executor, scene, view, progress).add(picture, samples)
@@ -118,9 +119,10 @@ class RayExchange:
         self._waves = 0
 
     def add(self, picture: KernelArguments, samples: tuple[int, int]) -> None:
-        """Add samples to the whole image.
+        """Add samples to a whole image, and return when all its pieces are finished.
 
-        picture : arguments of the rendering kernel, with the image; samples : range of sample indices
+        picture : the rendering kernel and its arguments, among them the image, where the result is stored
+        samples : range of sample indices
         """
         size = picture.image.shape[1], picture.image.shape[0]
         pieces = [_Piece(picture, piece, samples) for piece in pieces_of(size, samples)]
@@ -212,9 +214,10 @@ _LOCK = threading.Lock()
 
 
 def answer_here(scene: Snapshot, view: View, rows: Rows, question: Question, threads: int, check: Any) -> Answer:
-    """Intersect rays on a worker, and return their hits with its models.
+    """Intersect rays from the client on a worker, and return their hits with the models that the worker holds.
 
-    view : for the selection of levels of detail; rows : of the instances whose models the worker holds
+    view : camera and samples a pixel, which select levels of detail; question : the rays
+    rows : rows of the instances whose models the worker holds
     check : progress callback, which raises an exception to cancel
     """
     return answer_query(world_of(scene, view, rows), question, Pace(threads, check))
@@ -223,7 +226,8 @@ def answer_here(scene: Snapshot, view: View, rows: Rows, question: Question, thr
 def world_of(scene: Snapshot, view: View, rows: Rows) -> World:
     """Return the world with the models that a worker holds opened, from a cache of the last few.
 
-    view : for the selection of levels of detail; rows : of the instances whose models the worker holds
+    view : camera and samples a pixel, which select levels of detail
+    rows : rows of the instances whose models the worker holds
     """
     key = id(scene), view, rows.tobytes()  # the cache keeps the scene alive, so that its id stays unique
     with _LOCK:
@@ -241,7 +245,7 @@ def held_world(scene: Snapshot, view: View, rows: Rows) -> World:
 
     It has no planes, which the sender of the rays intersects itself.
 
-    view : for the selection of levels of detail; rows : of the given instances
+    view : camera and samples a pixel, which select levels of detail; rows : rows of the given instances
     """
     if view.samples is None:
         world = scene.opened(rows).world

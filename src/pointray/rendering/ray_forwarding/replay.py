@@ -62,18 +62,18 @@ class ReplayTable(NamedTuple):
     last : bool
         Whether no hit is missing: all units run to their end.
     begins : (turns * units,) int64
-        Begin of the answers to each query in `found`; -1: no query.
+        For each wave and unit, the index in `found` of the answer for the first ray of the unit's query; -1: no query.
     found : (n,) int64
-        Row of a hit in `facts`, or MISS; for shadow rays 0 if blocked, or MISS.
+        Answer for each ray of all queries: index of its hit in `facts`, 0 for a blocked shadow ray, -1 for a miss.
     facts : (m * FACTS,) float64
         Hits: instance, t, normal, colour, and the offset of secondary rays from the surface.
     asked : (units,) int64
-        Rays of the tile in the current query of each unit, as bits.
+        For each unit, the rays of its tile that must be sent next, as bits; 0: none.
     kinds : (units,) uint8
-        1: occlusion; 0: closest hit.
+        1 if these rays are tested for occlusion, 0 if for the closest hit.
     rays : (units * TILE * RAY,) float64
-        Rays of the current queries: origin, direction, largest t, side (+1 if a ray that starts on a surface is outside
-        of it, -1 if inside).
+        Data of these rays: origin, direction, largest t, side (+1 if a ray that starts on a surface is outside of it,
+        -1 if inside).
     """
 
     first_block: int
@@ -171,7 +171,8 @@ def _recall_tile(world: Any, any_hit: bool, scratch: Scratch) -> None:
 def _take(recall: ReplayTable, begin: int, any_hit: bool, scratch: Scratch) -> None:
     """Read the hits of a tile's rays with models, which workers have returned, from the table into scratch memory.
 
-    begin : of these hits in `ReplayTable.found`; any_hit : whether they are occlusions
+    recall : the table; begin : index of the first of these hits in `recall.found`
+    any_hit : whether the rays are tested for occlusion only
     """
     wide, numbers = scratch.world, scratch.numbers
     k = begin
@@ -196,9 +197,10 @@ def _take(recall: ReplayTable, begin: int, any_hit: bool, scratch: Scratch) -> N
 
 @inline
 def _ask(recall: ReplayTable, unit: int, asked: Bits, any_hit: bool, scratch: Scratch) -> None:
-    """Store some of the tile's rays in the table, to be sent to the workers that hold the models.
+    """Store some of the tile's rays in a table, to be sent to the workers that hold the models.
 
-    unit : index of the sample of the tile; asked : the rays (bits); any_hit : whether to test for occlusion only
+    recall : the table; unit : index of the tile's sample among all samples of all tiles in the table
+    asked : the rays (bits); any_hit : whether to test for occlusion only
     """
     recall.asked[unit] = asked
     recall.kinds[unit] = 1 if any_hit else 0
@@ -253,18 +255,22 @@ _quick, _sampled = routine(uncompiled(quick_frame)), routine(uncompiled(sampled_
 
 @kernel
 def recalled_quick(work: Array, world: Any, camera: Array, job: Pass, film: Array, image: Array) -> None:
-    """Render like `quick_frame` (integrators "phong", "normal", "depth", "color") with hits that workers have returned.
+    """Render blocks of an image with "phong", "normal", "depth" or "color", by hits that workers have returned.
 
-    world : a `ReplayWorld`, which has the table of these hits; film : sums over samples; image : their means
+    work : counter from which threads take blocks; world : a `ReplayWorld`, which has the table of these hits
+    camera : (16,), eye, axes, projection and lens; job : settings and range of samples
+    film : (h, w, k), k sums over the samples of each pixel, or empty; image : (h, w, 4), mean RGB and alpha
     """
     _quick(work, world, camera, job, film, image)
 
 
 @kernel
 def recalled_sampled(work: Array, world: Any, camera: Array, job: Pass, film: Array, image: Array) -> None:
-    """Render like `sampled_frame` (integrators "ao" and "path") with hits that workers have returned.
+    """Render blocks of an image with the integrator "ao" or "path", by hits that workers have returned.
 
-    world : a `ReplayWorld`, which has the table of these hits; film : sums over samples; image : their means
+    work : counter from which threads take blocks; world : a `ReplayWorld`, which has the table of these hits
+    camera : (16,), eye, axes, projection and lens; job : settings and range of samples
+    film : (h, w, k), k sums over the samples of each pixel, or empty; image : (h, w, 4), mean RGB and alpha
     """
     _sampled(work, world, camera, job, film, image)
 
@@ -280,7 +286,7 @@ def replay_kernel_for(frame: Any) -> Any:
 def empty_table(units: int, first_block: int, across: int, samples: tuple[int, int]) -> ReplayTable:
     """Return a table of hits for a piece of an image before any rays are sent.
 
-    units : number of samples of tiles in the piece; first_block : number of its first block
+    units : tiles of the piece times samples of each; first_block : number of the piece's first block in the image
     across : blocks in a row of the image; samples : range of sample indices
     """
     return ReplayTable(

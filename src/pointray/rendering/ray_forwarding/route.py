@@ -14,10 +14,11 @@ PAD = 1e-5  # padding of boxes relative to the size of their union, more than in
 
 @kernel
 def _route(work: Array, rays: Array, boxes: Array, owners: Array, out: Array) -> None:
-    """Set out[ray, owner] = 1 where a ray enters a box of an owner (a worker) before its largest t.
+    """Set out[ray, owner] = 1 where a ray enters a box of an owner (a worker) before the ray's largest t.
 
     work : counter from which threads take rays; rays : (n, 8) float64: origin, direction, largest t, side (not used)
-    boxes : (m, 6) float64, min x y z, max x y z; owners : (m,) int64, owner of each box
+    boxes : (m, 6) float64, min x y z, max x y z; owners : (m,) int64, owner of each box, an index of a worker
+    out : (n, workers) uint8, 0 at first
     """
     rays, boxes, owners, out = borrow(rays), borrow(boxes), borrow(owners), borrow(out)
     batch = next_tile(work)
@@ -47,7 +48,7 @@ def _route(work: Array, rays: Array, boxes: Array, owners: Array, out: Array) ->
 def route(
     rays: NDArray[np.float64], boxes: NDArray[np.float64], owners: NDArray[np.int64], count: int, threads: int | None
 ) -> NDArray[np.bool_]:
-    """Return which owners have boxes that each ray enters, (n, count) bool: the workers to which the ray is sent.
+    """Return for each ray the owners (workers) with a box that the ray enters, (n, count) bool: it is sent to these.
 
     Parameters
     ----------
@@ -57,6 +58,8 @@ def route(
         Minimum x y z, maximum x y z, world.
     owners : (m,) int64
         Owner of each box (index of a worker), less than `count`.
+    count : int
+        Number of workers.
     """
     out = np.zeros((len(rays), count), np.uint8)
     if len(boxes) and len(rays):

@@ -73,10 +73,14 @@ def answer_query(world: World, question: Question, pace: Pace = PLAIN) -> Answer
 
 @dataclass(frozen=True)
 class KernelArguments:
-    """A rendering kernel and its arguments.
+    """A rendering kernel and its arguments, to render an image whose rays are sent to workers.
 
-    kernel : reads hits from a table; camera : (16,), eye, axes, projection and lens; job : parameters of all samples
-    film : sums over samples, (h, w, k), or empty; image : (h, w, 4); threads : None: `POINTRAY_THREADS`, else all
+    kernel : a version of the kernel that reads hits with models from a table
+    camera : (16,), eye, axes, projection and lens
+    job : settings of the image and range of all samples
+    film : (h, w, k), k sums over the samples of each pixel (RGB, hits and so on), or empty
+    image : (h, w, 4), result: mean RGB over the background, and alpha
+    threads : number of threads; None: `POINTRAY_THREADS`, else all
     """
 
     kernel: Any
@@ -89,7 +93,9 @@ class KernelArguments:
 
 
 def pieces_of(size: tuple[int, int], samples: tuple[int, int]) -> list[Piece]:
-    """Return the pieces of an image, in each of which one pass has a limited number of rays.
+    """Return the pieces into which an image is divided to limit the memory for the rays of a pass.
+
+    A pass (a range of samples) of a piece has at most about RAYS (131,072) camera rays.
 
     size : width and height in pixels; samples : range of sample indices
     """
@@ -113,7 +119,7 @@ class Waves:
 
     Call `ask` until it returns None, passing the hits from all workers to `take` after each call, in any order.
 
-    picture : arguments of the rendering kernel, with the image; samples : range of sample indices
+    picture : the rendering kernel and its arguments, among them the image; samples : range of sample indices
     """
 
     def __init__(self, picture: KernelArguments, piece: Piece, samples: tuple[int, int]) -> None:
@@ -148,9 +154,9 @@ class Waves:
         return self._question()
 
     def take(self, rows: NDArray[np.int64], given: Answer) -> None:
-        """Merge the hits that a worker returned: the nearest hit of each ray is kept.
+        """Merge the hits that a worker returned with those of other workers: the nearest hit of each ray is kept.
 
-        rows : of its rays in the query, ascending; given : their hits
+        rows : rows in the query of the rays sent to this worker, ascending; given : the hits of these rays
         """
         met = np.unpackbits(given.met, count=len(rows)).view(np.bool_)
         hit = rows[met]
