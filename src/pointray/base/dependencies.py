@@ -106,9 +106,11 @@ def _imports(path: Path, deferred: bool) -> frozenset[Path]:
 
 
 def _base(path: Path, own: bool, level: int, module: str) -> str | None:
-    """Return the path, without extension, of the module named in an import statement; None if it is of another package.
+    """Return the path, without extension, of the module named in an import statement of a Python file.
 
-    path : file with the statement; own : whether that is inside pointray; level : leading dots before `module`
+    An absolute import of another package gives None in files of pointray, and a path beside the file in others.
+
+    path : the file; own : whether the file belongs to pointray; level : leading dots before `module`
     """
     parts = module.split(".")
     if level:

@@ -141,7 +141,7 @@ class FilmSource(NamedTuple):
     build : callable
         Takes a Progress; returns the scene, the first camera of a turntable, and the final settings.
     settings : Settings
-        Those known before the scene is built.
+        Render settings as far as they are known before the scene is built; `build` returns the final ones.
     exposure : float or "auto"
         In stops. "auto": one exposure for all frames.
     curve : str

@@ -132,8 +132,8 @@ def _write_points(output: BakeOutput, baked: Any, number: int, points: Points, l
     """Write points with ambient occlusion and irradiance as attributes; return the line that the command prints.
 
     number : the instance whose light is written
-    look : for colours that contain the light, the linear colour of all points or None, and the radiance of a white
-    surface that faces the lights or None
+    look : linear colour of all points (None: their own) and radiance of a white surface that faces the lights (None:
+    unknown), used if the written colours contain the light
     """
     import pointray as pr
 

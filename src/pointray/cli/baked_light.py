@@ -30,7 +30,7 @@ class LightSource:
     file : Path or None
         Light written by `pointray bake`.
     quick : bool
-        Whether it is baked by default, not on request: roughly, to save time.
+        Whether the light is baked by default, without a request of the user, and therefore only roughly.
     """
 
     settings: Any

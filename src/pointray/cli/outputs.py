@@ -41,6 +41,7 @@ def check_fits(output: Path, size: tuple[int, int], settings: Any, legend: bool 
     """Raise ValueError if there is not enough memory for rendering and writing an image.
 
     output : its path, with the extension of an image or of layers; size : width and height
+    settings : `Settings` of rendering; legend : whether a legend of colours is drawn, which needs more memory
     """
     from ..image.write import EXR_BYTES, LAYERED, SHOWN_BYTES
     from ..rendering.layers import LAYER_BYTES

@@ -82,7 +82,7 @@ def _check_bytes(need: int, what: str) -> None:
 def _read(
     file: Opener, selection: Selection, thinning: Thinning, before: list[Part], progress: Progress | None
 ) -> Part:
-    """Read the selected rows of a file.
+    """Read the selected rows of a file; return them as chunks, with the file's name and georeference.
 
     If there are more than `thinning` allows, the rows of all files so far are thinned, those in `before` in place.
 

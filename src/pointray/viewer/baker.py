@@ -137,7 +137,9 @@ class Baker:
     def _next(self, done: tuple[Scene | None, bool]) -> tuple[Scene, bool] | None:
         """Wait for a request that differs from the last one; return None after `close`.
 
-        done : the last request, and the form of the result: a scene, and whether fine light is requested
+        A request, also the returned one, is a scene and whether fine light is wanted, not only rough light.
+
+        done : the last request; its scene is None before the first one
         """
         with self._changed:
             self._changed.wait_for(lambda: not self._open or (self._wanted, self._refines) != done)

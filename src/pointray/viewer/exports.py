@@ -68,9 +68,11 @@ class Exports:
         self._thread: threading.Thread | None = None
 
     def start(self, name: str, request: FrameRequest, output: Output, shared: SharedScene) -> None:
-        """Start the export of a button in the panel; warn on the page if another one is in progress.
+        """Start rendering an image or film in a thread, or send the page a text to copy, as a button requests.
 
-        name : "save.picture", "save.film", "copy.command" or "copy.python" (only texts, at once)
+        While an image or film is in progress, another one is refused with a warning on the page.
+
+        name : "save.picture", "save.film", "copy.command" or "copy.python"
         request : the image shown; output : size, samples and format
         shared : gives the name of the file, and the source and surface options of the command
         """

@@ -90,8 +90,9 @@ class Frame(NamedTuple):
     """An encoded image for the page.
 
     number : counts the images of a browser from 1
-    size : width and height in pixels
-    samples : samples per pixel so far
+    request : what was drawn; size : width and height in pixels
+    stage : whether it was drawn while the camera moves, for a still camera, or with more samples
+    samples : samples per pixel so far; jpeg : the encoded image
     seconds, rays : duration of the last pass, and camera rays traced in it
     """
 
@@ -252,6 +253,7 @@ class Painter:
         """Draw and send an image with one sample per pixel.
 
         scene : with the panel's settings; camera : with the size to draw
+        stage : `MOVING` (fast, perhaps reduced) or `STILL` (full size), which also sets the quality of the JPEG
         cancel : when it is set, drawing stops and nothing is sent; None: the image is always sent
         """
         begun = time.perf_counter()
@@ -334,7 +336,8 @@ class Painter:
         """Expose and encode an image, and deliver it to the page.
 
         image : (h, w, 4) float32, linear, premultiplied
-        samples : the total per pixel, and the number added in the given seconds
+        stage : `MOVING`, `STILL` or `REFINED`, which sets the quality of the JPEG
+        samples : the total per pixel, and the number per pixel added in the given seconds
         """
         view, tone = request.view, self._tone(request, image, stage)
         behind = backdrop_rows(view.behind, len(image))[:, 0]

@@ -86,7 +86,8 @@ class ViewSettings:
         Whether a standing object gets a contact shadow, put under the image.
     backdrop : (3,) sRGB
     around : str
-        Background: "gradient" that of `image.tone`; "color" the backdrop; "sky" the lights; "scene" that of the scene.
+        Background: "gradient" (grey, from top to bottom), "color" (`backdrop`), "sky" (the environment light) or
+        "scene" (the scene's own background).
     lamps : tuple of LightControl
         Lights of the image.
     studio : tuple of LightControl
@@ -102,7 +103,7 @@ class ViewSettings:
     ground : bool
         Whether there is a grey plane under the model.
     cuts : (3,) tuple of Cut
-        Across x, y and z.
+        Planes across x, y and z that cut the scene open.
     """
 
     base: Settings = Settings()

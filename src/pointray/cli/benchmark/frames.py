@@ -137,7 +137,7 @@ def _cases(model: Model, threads: int) -> Iterator[tuple[str, Scene, Camera, Set
 def _rows(model: Model, seconds: float, runs: int, threads: int, show: Show) -> list[Row]:
     """Render the cases of a model `runs` times each, alternating between them, and return their median times.
 
-    seconds : time in which the model was built, for the table
+    seconds : time in which the model was built, for the table; show : called with the stage's name and the share done
     """
     cases = list(_cases(model, threads))
     covered = [float((render(scene, camera, settings)[..., 3] > 0).mean()) for _, scene, camera, settings in cases]

@@ -129,8 +129,8 @@ class NpzSource(Source):
 def _first(members: dict[str, Member]) -> tuple[str, str]:
     """Return two names: of the array with the positions (or x), and of the one whose columns must be identified.
 
-    The second name is that of the same array, or "" if it certainly has coordinates only. Raise ValueError if there are
-    no positions.
+    The second name equals the first, or is "" if that array certainly has coordinates only. Raise ValueError if there
+    are no positions.
 
     members : arrays of the archive by name
     """
@@ -231,7 +231,7 @@ def _member_name(name: str) -> str:
 def _write_array(archive: zipfile.ZipFile, name: str, values: NDArray[Any], world_of: Points | None = None) -> None:
     """Write an array to an archive in parts.
 
-    world_of : write the world coordinates of these points in float64, with the shape of `values`
+    world_of : if given, write the world coordinates of these points in float64 instead; `values` only gives the shape
     """
     dtype = np.dtype(np.float64) if world_of is not None else values.dtype
     facts = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": values.shape}

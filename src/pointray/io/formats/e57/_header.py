@@ -97,9 +97,11 @@ def read_xml(path: Path) -> tuple[Node, int]:
 
 
 def _pages(file: BinaryIO, size: int, offset: int, length: int) -> bytes:
-    """Return the XML section of a file without the checksums of its pages; ValueError if its place is invalid.
+    """Return the XML section of a file without the checksums that each page of the file has.
 
-    size : of the file; offset, length : of the section in bytes
+    Raise ValueError if the stated offset or length of the section is invalid.
+
+    size : bytes of the file; offset, length : place of the section as stated in the file, in bytes
     """
     if not HEADER.size <= offset < size or offset % PAGE >= PAYLOAD:
         raise ValueError(f"is damaged: invalid start of its XML, byte {offset:,} of {size:,}")

@@ -163,7 +163,11 @@ def _georeference(scans: list[Scan], crs: str) -> Georeference:
 
 
 def _grid(scans: list[Scan]) -> tuple[Any, Any]:
-    """Return scale and offset, (3,) each, if all coordinates are integers scaled alike, else (None, None)."""
+    """Return the scale and the offset of the coordinates, (3,) each, if the scans store them as integers.
+
+    A coordinate is scale * integer + offset. Return (None, None) unless all scans have the same scale and offset,
+    cartesian coordinates and no rotation.
+    """
     first = [scans[0].fields[name] for name in scans[0].places]
     for scan in scans:
         fields = [scan.fields[name] for name in scan.places]

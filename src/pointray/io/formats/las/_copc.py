@@ -27,9 +27,9 @@ class Copc(NamedTuple):
     Attributes
     ----------
     low : (3,) float64
-        Minimum corner of the root.
+        Minimum corner of the root node, a cube.
     side, spacing : float
-        Size of the root and the spacing of its points; both are halved at each level.
+        Edge length of the root node and the spacing of its points; both are halved at each level of the octree.
     start, size : int
         Offset and size in bytes of the first page of the list of nodes; it refers to further pages.
     """

@@ -51,7 +51,7 @@ class Header(NamedTuple):
     start, end : int
         Range of bytes of the points.
     returns : tuple of int
-        Number of points by return.
+        Number of points for each return number: first returns, second returns and so on.
     scale, offset : (3,) tuple of float
         coordinate = offset + scale * integer.
     low, high : (3,) tuple of float

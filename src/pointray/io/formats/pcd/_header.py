@@ -141,8 +141,9 @@ def _fields(lines: dict[str, Line]) -> list[Field]:
 
 
 def _row_of(lines: dict[str, Line], word: str, default: str, length: int) -> Line:
-    """Return the line SIZE, TYPE or COUNT, which has one value per field; ValueError for another number of values.
+    """Return a header line that has one value per field; raise ValueError for another number of values.
 
+    lines : of the header, by their first words; word : SIZE, TYPE or COUNT, which begins the wanted line
     default : value of all fields if there is no such line; length : number of fields
     """
     line = lines.get(word)

@@ -26,7 +26,8 @@ LETTERS = np.array([END if c in "\r\n" else SPACE if c.isspace() else LETTER for
 def read_ascii(file: BinaryIO, header: Header, index: int, most: int, faults: Faults) -> Iterator[Columns]:
     """Yield the columns of the vertices by name, in chunks of rows; a wrong number of vertices is recorded in `faults`.
 
-    index : number of the element with vertices; most : maximum number of rows in the file
+    index : number of the element with vertices
+    most : upper limit for the number of vertices to read, which may exceed the announced one
     """
     for element in header.elements[:index]:
         skip_lines(file, element)
@@ -46,9 +47,11 @@ def read_ascii(file: BinaryIO, header: Header, index: int, most: int, faults: Fa
 
 
 def _rows_of_text(lines: Iterator[str], names: list[str], count: int, most: int, faults: Faults) -> Iterator[Columns]:
-    """Yield the columns of the vertices in chunks, also of those after the announced ones if nothing else follows.
+    """Yield the columns of the vertices by name, in chunks of rows, from the lines of a text.
 
-    names : of the columns; count : announced number of vertices; most : maximum number in the file
+    Vertices after the announced ones are read, too; other lines there are recorded in `faults`.
+
+    names : of the columns; count : announced number of vertices; most : upper limit for the number to read
     """
     done, wanted, found = 0, 0, 0
     while done < most and found == wanted:
@@ -112,7 +115,7 @@ def skip_lines(file: BinaryIO, element: Element) -> None:
 def _numbers_beside_lists(lines: Iterable[str], vertex: Element, most: int, faults: Faults) -> Columns:
     """Read the scalar columns of vertices that also have lists; the lists are skipped.
 
-    most : maximum number of rows in the file; faults : records missing ones
+    most : upper limit for the number of vertices to read; faults : records missing vertices
     """
     scalars, count = [p.name for p in vertex.scalars], vertex.rows
     rows, done, filled = np.empty((most, len(scalars))), 0, filter(str.strip, lines)

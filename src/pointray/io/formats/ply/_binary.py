@@ -22,7 +22,8 @@ Columns = dict[str, NDArray[Any]]
 def read_binary(file: BinaryIO, header: Header, index: int, most: int, faults: Faults) -> Iterator[Columns]:
     """Yield the columns of the vertices by name, in chunks of rows; missing vertices are recorded in `faults`.
 
-    index : number of the element with vertices; most : maximum number of rows in the file
+    index : number of the element with vertices
+    most : upper limit for the number of vertices to read, which may exceed the announced one
     """
     order = ORDERS[header.format]
     for element in header.elements[:index]:

@@ -56,11 +56,16 @@ def _length_at(data: Array, at: int, big: bool, kind: int, size: int) -> int:
 
 @kernel
 def _walk(data: Array, start: int, count: int, big: bool, properties: Array, offsets: Array) -> tuple[int, int]:
-    """Walk the rows of an element; return (end of the last row, count), or (CUT_OFF or NO_LENGTH, row of the error).
+    """Find the numbers in the rows of an element, whose lists give the rows different sizes; store their offsets.
 
-    data : (bytes,) uint8; start : offset of the first row; count : number of rows; big : whether bytes are big-endian
-    properties : (k, 3) int64: type (0 unsigned, 1 signed integer, 2 float) and bytes of a number or of a list's length,
-    bytes of a list's items, 0 for a number; offsets : (count or 0, numbers in a row) int64, filled with their offsets
+    Return (offset after the last row, count), or in case of an error (CUT_OFF or NO_LENGTH, number of the row).
+
+    data : (bytes,) uint8, the file; start : offset of the first row
+    count : number of rows; big : whether numbers are big-endian
+    properties : (k, 3) int64, for each property, a number or a list, the type of the number or of the list's length
+    (0 unsigned, 1 signed integer, 2 float), the bytes of that number or length, and the bytes of a list item (0 for a
+    number)
+    offsets : (count, numbers in a row) int64, receives the offset of each number; with 0 rows nothing is stored
     """
     at = start
     for row in range(count):

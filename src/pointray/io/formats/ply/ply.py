@@ -82,9 +82,11 @@ class PlySource(Source):
 
 
 def _most(file: BinaryIO, header: Header, index: int, faults: Faults) -> int:
-    """Return the maximum number of vertices in the file, including those after the announced ones.
+    """Return an upper limit for the number of vertices to read, for which the file has enough lines or bytes.
 
-    index : number of the element with vertices; faults : records additional vertices
+    It exceeds the announced number only where additional vertices may follow: at the end of the file.
+
+    index : number of the element with vertices; faults : records additional vertices of a binary file
     """
     vertex = header.elements[index]
     count = vertex.rows

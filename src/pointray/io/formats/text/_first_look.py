@@ -152,8 +152,10 @@ def _numbers(
 ) -> tuple[list[str], list[bool], float, str]:
     """Parse the first rows; return the column names, which columns are integers, the bytes per row, and a note.
 
+    The note explains to the user how names were recognised; it is "" if they were given.
+
     text : beginning of the file; start : offset of the first row
-    names : of the columns; or their number: then they are recognised from the values, which the note explains
+    names : column names, or the number of columns if the names must be recognised from the values
     first : the first row, for messages; faults : records an incomplete last line
     """
     if isinstance(names, int):

@@ -110,11 +110,13 @@ def _bits(number: Number, powers: Array) -> int:
 
 @inline
 def _digits(data: Array, at: int, w: int, kept: int, lost: int) -> tuple[int, int, int, int, bool]:
-    """Read decimal digits from an offset on and append them to the integer w, which holds 19 of them; drop the others.
+    """Read decimal digits from an offset on; append them to the integer w while it has fewer than 19, drop the others.
 
-    Return the offset after them, w, the numbers of digits used and dropped, and whether a dropped digit is not 0.
+    Return the offset after the digits, the new w, how many digits w has, how many digits were dropped, and whether a
+    dropped digit is not 0.
 
-    kept, lost : numbers of digits used and dropped before
+    data : (bytes,) uint8; at : offset of the first digit
+    kept, lost : numbers of digits in w and of digits dropped before
     """
     cut = False
     d = _byte(data, at) - 48
@@ -132,9 +134,10 @@ def _digits(data: Array, at: int, w: int, kept: int, lost: int) -> tuple[int, in
 
 @inline
 def _few_digits(data: Array, at: int, w: int) -> tuple[int, int]:
-    """Read decimal digits from an offset on and append them to the integer w; return the offset after them and w.
+    """Read decimal digits from an offset on and append them to the integer w.
 
-    With more than 19 digits w overflows; the caller then reads them again.
+    Return the offset after the digits and the new w. With more than 19 digits w overflows; the caller then reads all
+    digits again.
     """
     d = _byte(data, at) - 48
     while 0 <= d <= 9:
@@ -159,7 +162,7 @@ def _word(data: Array, at: int) -> int:
 
 @inline
 def _exponent(data: Array, at: int) -> tuple[int, int]:
-    """Read a decimal exponent after its e; return the offset after it, or -1 if it has no digits, and the value."""
+    """Read a decimal exponent after its e; return the offset after the exponent (-1 without digits) and its value."""
     sign = _byte(data, at)
     at += 1 if sign == 45 or sign == 43 else 0
     begin, value = at, 0
@@ -215,12 +218,17 @@ def _token(data: Array, at: int, table: Array) -> Number:
 
 @inline
 def _store(number: Number, begin: int, mode: int, powers: Array, stats: Array, out: Array, item: int) -> int:
-    """Store a parsed word; return 1 if Python's float must parse it later, -1 if an integer was expected, else 0.
+    """Store the number of a parsed word in `out[item]` as the mode of its column requires.
 
-    number : (end, class, w, q, negative, digits lost) of the word, whose value is w * 10^q; begin : its offset
-    mode : of its column: SKIP ignores it, FLOAT stores float64 bits, INT an int64, SCAN only finds limits of integers
-    powers : table of the powers of ten; stats : (3,), of its column: whether all are integers, minimum, maximum
-    out : int64, receives the number at index `item`
+    Return 1 if Python's float must parse the word later, -1 if an integer was expected but not found, else 0.
+
+    number : (end, class, w, q, negative, digits lost) of the word, whose value is w * 10^q
+    begin : offset of the word; powers : table of the leading 128 bits of the powers of ten
+    mode : SKIP (store 0), FLOAT (store the bits of a float64), INT (store an int64), or SCAN (like INT, but any number
+    is accepted, and only integers are stored)
+    stats : (3,) int64, updated for INT and SCAN with whether all numbers of the column are integers, the minimum and
+    the maximum
+    out : (n,) int64
     """
     _, form, w, q, negative, cut = number
     if mode == FLOAT:
@@ -245,12 +253,13 @@ def _line(
 ) -> tuple[int, int, int, int]:
     """Parse the line at an offset; store one number per column in `out`, int64, from index `item` on.
 
-    Return the end of the line, an error, its offset, and how many words Python's float must parse later. The error is
-    FINE, COLUMNS (wrong number of columns), SINGLE (only one column) or NOT_WHOLE (not the integer expected).
+    Return the offset where parsing ends, a status, the offset of the error, and the number of words that Python's float
+    must parse later. The status is FINE, COLUMNS (wrong number of columns), SINGLE (only one column) or NOT_WHOLE (not
+    the integer expected).
 
-    setting : (257 + k,) uint8, class of each byte value, whether there are comments, mode of each column
-    powers : table of the powers of ten
-    stats : (k, 3) int64, updated: whether a column has integers only, the minimum and the maximum
+    data : (bytes,) uint8; powers : table of the leading 128 bits of the powers of ten
+    setting : (257 + k,) uint8, class of each byte value, whether there are comments, mode of each of k columns
+    stats : (k, 3) int64, updated with whether a column has integers only, its minimum and its maximum
     """
     table, modes, k = setting[:256], setting[257:], len(setting) - 257
     empty = (at, NAN, u64(0), 0, False, False)
@@ -297,15 +306,17 @@ def _is_comment(data: Array, at: int) -> bool:
 def parse_pieces(
     work: Array, data: Array, pieces: Array, setting: Array, powers: Array, out: Array, states: Array, stats: Array
 ) -> None:
-    """Parse pieces of text, each into the items of `out` that begin at the index of its first byte.
+    """Parse the numbers of a text of k columns, which is divided into p pieces of whole lines for threads.
 
-    work : counter from which threads take pieces; data : (bytes,) uint8
-    pieces : (p + 1,) int64, offsets where pieces begin, each after the end of a line
-    setting : (257 + k,) uint8, class of each byte value, whether there are comments, mode of each of k columns
-    powers : table of the leading 128 bits of the powers of ten; out : (bytes,) int64, receives numbers row by row
-    states : (p, 4) int64, receives for each piece the number of rows, why (FINE or an error) and at which offset
-    parsing ends, and the number of words that Python's float must parse
-    stats : (p, k, 3) int64, receives whether a column has integers only, the minimum and the maximum
+    work : counter from which threads take pieces; data : (bytes,) uint8, the text
+    pieces : (p + 1,) int64, offset of the first byte of each piece, then the length of the text
+    setting : (257 + k,) uint8, class of each byte value, whether there are comments, mode of each column
+    powers : table of the leading 128 bits of the powers of ten
+    out : (bytes,) int64, receives integers or bits of float64, row by row; those of piece t begin at `out[pieces[t]]`
+    states : (p, 4) int64, receives for each piece the number of rows, why parsing ends (FINE or an error), the offset
+    where it ends, and the number of words that Python's float must parse later
+    stats : (p, k, 3) int64, receives whether a column of a piece has integers only, its minimum and its maximum, for
+    columns in mode INT or SCAN
     """
     data, out, setting, powers, stats = borrow(data), borrow(out), borrow(setting), borrow(powers), borrow(stats)
     k = len(setting) - 257

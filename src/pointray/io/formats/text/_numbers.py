@@ -200,7 +200,10 @@ class Reader:
         return text + b"\n" if text and text[-1:] not in (b"\r", b"\n") else text  # the last line may lack a newline
 
     def _parse(self, text: bytes) -> tuple[Block, int, int]:
-        """Parse whole lines; return their rows, why they end (`FINE`: all are parsed), and at which offset."""
+        """Parse whole lines; return their rows, why parsing ended, and at which offset in the file.
+
+        The reason is `FINE` if all lines are parsed, otherwise the kind of error in the line at the offset.
+        """
         pieces = self._cut(text)
         count, k = len(pieces) - 1, len(self._modes)
         states = np.zeros((count, STATES), np.int64)

@@ -98,7 +98,7 @@ def scans_of(path: Path, size: int, time: int, strict: bool) -> tuple[list[Scan]
 
 
 def _next_header(file: BinaryIO, scan: Scan) -> tuple[int, int]:
-    """Search for the header after that of `scan`; return its offset, and the number of lines of the scan before it.
+    """Search for the header that follows the rows of `scan`; return its offset and the number of lines of these rows.
 
     Without a further header the offset is the end of the file.
     """
