@@ -8,9 +8,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from ..base.arrays import Doubles, Rows
 
 STRAY = 0.002  # share of the points that may lie outside the frame
 SIGHT = 1.2  # largest tangent of half the field of view
@@ -39,7 +38,7 @@ class Frame(NamedTuple):
     certainty: float
 
 
-def find_camera_frame(positions: Floats) -> Frame | None:
+def find_camera_frame(positions: Doubles) -> Frame | None:
     """Return the frame of a depth camera at the origin that the points form; None if they form none.
 
     Its image must contain nearly all points, without depth jumps between most neighbours. It indicates the up axis.
@@ -63,7 +62,7 @@ def find_camera_frame(positions: Floats) -> Frame | None:
     return Frame("-y" if ahead > 0 else "y", 1.0 if is_even else THINNED)
 
 
-def _fills_picture(pixels: Floats) -> bool:
+def _fills_picture(pixels: Doubles) -> bool:
     """Return whether image positions, (n, 2), fill a centred rectangle with the aspect ratio of a camera."""
     low, high = np.quantile(pixels, [STRAY, 1 - STRAY], axis=0)
     half, middle = (high - low) / 2, (high + low) / 2
@@ -71,7 +70,7 @@ def _fills_picture(pixels: Floats) -> bool:
     return is_centred and half.min() > WIDE and ASPECT[0] <= half[0] / half[1] <= ASPECT[1]
 
 
-def _nearest_pixels(pixels: Floats, rows: NDArray[np.int64]) -> tuple[Floats, NDArray[np.int64]]:
+def _nearest_pixels(pixels: Doubles, rows: Rows) -> tuple[Doubles, Rows]:
     """Return the distances of pixels to their four nearest neighbours, (m, 4), and the index of the nearest, (m,).
 
     pixels : (n, 2), image positions of points; rows : (m,), indices of the pixels whose neighbours are sought

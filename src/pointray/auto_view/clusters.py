@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
+from ..base.arrays import Doubles, Flags, Rows
 
 STRAY = 0.0005  # share of the points at either end of an axis that counts as outliers
 CELLS = 32  # along the longest side without outliers: points in neighbouring cells are connected
@@ -21,7 +20,7 @@ FACTORS = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9],
 ASIDE = np.array([o for o in np.ndindex(3, 3, 3) if o > (1, 1, 1)]) - 1
 
 
-def places(positions: Floats) -> NDArray[np.int64]:
+def places(positions: Doubles) -> Rows:
     """Return the first row of each distinct position, sorted, (m,), so that each position counts once.
 
     Scanners repeat a position for rows without a return.
@@ -33,7 +32,7 @@ def places(positions: Floats) -> NDArray[np.int64]:
     return np.sort(first)
 
 
-def find_main(positions: Floats) -> tuple[Flags, Flags]:
+def find_main(positions: Doubles) -> tuple[Flags, Flags]:
     """Find the points that the camera frames, and the distant points among the others.
 
     A cluster is distant if its distance from the main (largest) cluster exceeds the size of the main cluster. At most
@@ -76,7 +75,7 @@ def find_main(positions: Floats) -> tuple[Flags, Flags]:
     return ~distant, distant
 
 
-def largest_cluster(positions: Floats) -> NDArray[np.int64]:
+def largest_cluster(positions: Doubles) -> Rows:
     """Return the rows of the largest cluster of positions, (n, 3).
 
     If it is at most 1/8 as wide as all points and has enough of them, the search is repeated inside it, and so on.
@@ -93,7 +92,7 @@ def largest_cluster(positions: Floats) -> NDArray[np.int64]:
     return rows
 
 
-def clusters(positions: Floats, low: Floats, cell: float) -> NDArray[np.int64]:
+def clusters(positions: Doubles, low: Doubles, cell: float) -> Rows:
     """Return the cluster number of each point, (n,). Clusters are cells of a grid connected by faces, edges or corners.
 
     Parameters
@@ -113,7 +112,7 @@ def clusters(positions: Floats, low: Floats, cell: float) -> NDArray[np.int64]:
         found = keys[place] == neighbor_keys
         pairs.append((np.flatnonzero(found), place[found]))
     one, other = (np.concatenate(side) for side in zip(*pairs, strict=True))
-    label: NDArray[np.int64] = np.arange(len(keys))
+    label: Rows = np.arange(len(keys))
     before = label[:0]
     while not np.array_equal(label, before):
         before = label
@@ -132,7 +131,7 @@ def _hash(rows: NDArray[np.uint64]) -> NDArray[np.uint64]:
     return np.asarray((rows * FACTORS).sum(axis=1, dtype=np.uint64), np.uint64)
 
 
-def _gaps(positions: Floats, group: NDArray[np.int64], low: Floats, high: Floats) -> Floats:
+def _gaps(positions: Doubles, group: Rows, low: Doubles, high: Doubles) -> Doubles:
     """Return the distance from a box to the nearest point of each group, (groups,); 0 or less if a point is inside.
 
     The distance of a point is the largest of the distances along x, y and z.

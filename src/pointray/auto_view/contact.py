@@ -13,14 +13,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..base.arrays import Doubles, Floats
 from ..engine.kernels.records import ACROSS, EYE, FORWARD, ORTHOGRAPHIC, PANORAMA, PROJECTION, UPWARD
 from ..rendering.camera import Camera
 from ..scene.scene import Scene
 from .direction import axes_of
-
-Floats = NDArray[np.float64]
 
 CELLS = 72  # grid cells per side
 SKY_RAYS, KEY_RAYS = 16, 8  # per cell
@@ -50,12 +49,12 @@ class ContactShadow(NamedTuple):
         the edge. The first index runs along the first axis.
     """
 
-    middle: Floats
-    axes: Floats
+    middle: Doubles
+    axes: Doubles
     half: float
-    shadow: NDArray[np.float32]
+    shadow: Floats
 
-    def for_camera(self, camera: Camera) -> NDArray[np.float32] | None:
+    def for_camera(self, camera: Camera) -> Floats | None:
         """Return the shadow's alpha in a camera's image, (h, w), or None for panoramas and cameras below the ground."""
         record, (width, height) = camera.record(), camera.size
         axes = self.axes @ np.stack([record[k : k + 3] for k in (FORWARD, ACROSS, UPWARD)]).T  # each axis: f, r, u
@@ -75,7 +74,7 @@ class ContactShadow(NamedTuple):
                 place = [eye[k] + t * toward[k] for k in range(2)]
         return self._look_up(place[0], place[1], t)
 
-    def _look_up(self, x: Floats, y: Floats, t: Floats) -> NDArray[np.float32]:
+    def _look_up(self, x: Doubles, y: Doubles, t: Doubles) -> Floats:
         """Return the shadow at positions on the ground, interpolated; 0 outside the grid and behind the camera.
 
         x, y : relative to the grid's centre, along its axes; t : distance along the ray, negative behind the camera
@@ -91,7 +90,7 @@ class ContactShadow(NamedTuple):
         out[inside] = near * (1 - u) + far * u
         return out
 
-    def put_under(self, image: NDArray[np.float32], camera: Camera) -> NDArray[np.float32]:
+    def put_under(self, image: Floats, camera: Camera) -> Floats:
         """Return an image composited over the shadow, (h, w, 4) float32. The shadow is black with an alpha.
 
         image : (h, w, 4) float32, premultiplied; camera : the one that rendered it
@@ -104,7 +103,7 @@ class ContactShadow(NamedTuple):
         return out
 
 
-def contact_shadow(scene: Scene, positions: Floats, up: ArrayLike, key: ArrayLike | None = None) -> ContactShadow:
+def contact_shadow(scene: Scene, positions: Doubles, up: ArrayLike, key: ArrayLike | None = None) -> ContactShadow:
     """Trace the contact shadow of a scene's models: the soft shadow under a standing object.
 
     Parameters
@@ -132,7 +131,7 @@ def contact_shadow(scene: Scene, positions: Floats, up: ArrayLike, key: ArrayLik
     return ContactShadow(middle, axes, half, _smooth_and_fade((blocked * weights).sum(axis=-1), ground / half))
 
 
-def _directions(key: Floats | None) -> tuple[Floats, Floats]:
+def _directions(key: Doubles | None) -> tuple[Doubles, Doubles]:
     """Return directions of shadow rays for each grid cell, (CELLS, CELLS, k, 3), and their weights, (k,), with sum 1.
 
     The directions are in the axes of the grid (two along the ground, and up). All cells share one pattern under
@@ -156,7 +155,7 @@ def _directions(key: Floats | None) -> tuple[Floats, Floats]:
     return np.concatenate([out, lamp], axis=2), np.concatenate(shares)
 
 
-def _disc(count: int, turn: Floats) -> Floats:
+def _disc(count: int, turn: Doubles) -> Doubles:
     """Return points of the unit disc in a sunflower pattern, (..., count, 2).
 
     turn : (..., 1), rotation of the pattern in full turns
@@ -166,7 +165,7 @@ def _disc(count: int, turn: Floats) -> Floats:
     return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
 
 
-def _smooth_and_fade(shadow: Floats, place: Floats) -> NDArray[np.float32]:
+def _smooth_and_fade(shadow: Doubles, place: Doubles) -> Floats:
     """Return the alpha of a shadow: 0.8 times the blocked light, smoothed and faded out towards the edge of the grid.
 
     shadow : (CELLS, CELLS), share of light blocked at each cell

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..base.arrays import Doubles
 from ..engine.kernels.records import ACROSS, EYE, FORWARD, ORTHOGRAPHIC, PANORAMA, PROJECTION, UPWARD
 from ..rendering.camera import Camera
 from .clusters import largest_cluster
 from .sample import Sample
-
-Floats = NDArray[np.float64]
 
 LEAST = 0.005  # image coverage below which the view is considered empty
 COUNTED = 0.75  # share of the points whose cells count
 CELLS = 160  # largest number of cells across the image; fewer for few points, whose splats are larger
 
 
-def coverage(positions: Floats, camera: Camera) -> float:
+def coverage(positions: Doubles, camera: Camera) -> float:
     """Return the share of an image that points cover: the share of cells of a grid that contain visible points.
 
     Only the fullest cells, with 75% of the points, count, so isolated points do not raise the coverage.

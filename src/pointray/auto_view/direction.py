@@ -6,13 +6,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..base.arrays import Doubles
 from .camera_frame import find_camera_frame
 from .sample import Sample
 from .upright import axis_direction, is_flat
-
-Floats = NDArray[np.float64]
 
 MAX_POINTS = 50_000  # points used
 STRAY = 0.002  # share of the points at either end that counts as outliers
@@ -47,7 +46,7 @@ class Outlook(NamedTuple):
     within: bool = False
 
 
-def axes_of(up: ArrayLike) -> Floats:
+def axes_of(up: ArrayLike) -> Doubles:
     """Return the unit axes right, front and up as rows, (3, 3), with front towards a viewer of the front side.
 
     Front is -y if z is up, and +z if y is up, made perpendicular to `up`.
@@ -59,14 +58,14 @@ def axes_of(up: ArrayLike) -> Floats:
     return np.stack([np.cross(top, front), front, top])
 
 
-def direction_of(azimuth: float, elevation: float, up: ArrayLike) -> Floats:
+def direction_of(azimuth: float, elevation: float, up: ArrayLike) -> Doubles:
     """Return the unit vector, (3,), towards a viewer at an azimuth (0 front, 90 right) and an elevation, in degrees."""
     right, front, top = axes_of(up)
     a, e = math.radians(azimuth), math.radians(elevation)
     return np.asarray(math.cos(e) * (math.cos(a) * front + math.sin(a) * right) + math.sin(e) * top)
 
 
-def towards(outlook: Outlook, up: ArrayLike) -> Floats:
+def towards(outlook: Outlook, up: ArrayLike) -> Doubles:
     """Return the unit vector, (3,), towards the viewer; elevation is clamped so that the azimuth stays defined."""
     return direction_of(outlook.azimuth, max(-STEEPEST, min(STEEPEST, outlook.elevation)), up)
 
@@ -106,7 +105,7 @@ def find_outlook(sample: Sample, up: ArrayLike) -> Outlook:
     return Outlook(*BODY, OBJECT)
 
 
-def _broadside(positions: Floats) -> float:
+def _broadside(positions: Doubles) -> float:
     """Return the azimuth, near the front, that puts the longest horizontal extent of a flat scan across the image.
 
     positions : (n, 3), right, front, up. Scans that are not elongated get a fixed azimuth.
@@ -119,7 +118,7 @@ def _broadside(positions: Floats) -> float:
     return math.degrees(math.atan2(right, front))
 
 
-def _surroundings(positions: Floats, normals: Floats, middle: Floats) -> tuple[bool, bool]:
+def _surroundings(positions: Doubles, normals: Doubles, middle: Doubles) -> tuple[bool, bool]:
     """Return whether walls stand all around a centre and face it, and whether there is a ceiling. A room has both.
 
     positions, normals : (n, 3), of a scan's points, with components right, front and up; middle : (3,), the centre

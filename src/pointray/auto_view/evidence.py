@@ -8,12 +8,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..base.arrays import Doubles, Flags, Rows
 from .planes import Planes, fit_planes
 from .stability import Ends
-
-Floats = NDArray[np.float64]
 
 AXES = ("x", "-x", "y", "-y", "z", "-z")
 LEVEL, PLUMB = 0.95, 0.1  # |cosine| between axis and normal: smallest of horizontal planes, largest of walls
@@ -48,18 +46,18 @@ class Shape(NamedTuple):
         Known scanner positions.
     """
 
-    positions: Floats
-    normals: Floats
+    positions: Doubles
+    normals: Doubles
     planes: Planes
-    eye: Floats
-    stations: Floats
+    eye: Doubles
+    stations: Doubles
 
     @classmethod
-    def of(cls, positions: Floats, normals: Floats, eye: Floats, stations: Floats) -> Shape:
+    def of(cls, positions: Doubles, normals: Doubles, eye: Doubles, stations: Doubles) -> Shape:
         return cls(positions, normals, fit_planes(positions), eye, stations)
 
 
-Scores = NDArray[np.float64]  # (6,), of `AXES`
+Scores = Doubles  # (6,), of `AXES`
 
 
 def both_ways(scores: list[float]) -> Scores:
@@ -134,8 +132,8 @@ class Layers(NamedTuple):
         Count of all planes, and of those perpendicular to the axis, in each cell. The first index is the layer.
     """
 
-    planes: NDArray[np.int64]
-    level: NDArray[np.int64]
+    planes: Rows
+    level: Rows
 
     @classmethod
     def of(cls, planes: Planes, axis: int) -> Layers:
@@ -187,7 +185,7 @@ class Layers(NamedTuple):
         return 1.0 - 2.0 * middle
 
 
-def _within(whole: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _within(whole: Flags) -> Flags:
     """Return the cells of a grid whose four neighbours are occupied. whole : (m, m) bool, the occupied cells"""
     wide = np.pad(whole, 1)
     return wide[:-2, 1:-1] & wide[2:, 1:-1] & wide[1:-1, :-2] & wide[1:-1, 2:]
@@ -220,7 +218,7 @@ def trunk(shape: Shape) -> Scores:
     return opposed(scores)
 
 
-def _trunk_length(positions: Floats, axis: int, sign: float) -> float:
+def _trunk_length(positions: Doubles, axis: int, sign: float) -> float:
     """Return the length of a trunk at the lower end of an axis: 1 for half of the height or more, 0 for none.
 
     positions : (n, 3); axis : 0, 1 or 2; sign : 1, or -1 to look at its upper end

@@ -7,9 +7,10 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..base.arguments import Vector, check_choice, check_direction, check_kind, check_number
+from ..base.arrays import Doubles
 from ..base.choices import AUTO, VIEWS
 from ..base.warning_log import warn
 from ..cloud.points import Points
@@ -21,8 +22,6 @@ from .direction import OBJECT, Outlook, find_outlook, towards
 from .framing import STANDARD, WHOLE, Lens, Part, frame_points, frame_turning, magnified
 from .sample import Sample, sample_of
 from .upright import find_up, stands_along
-
-Floats = NDArray[np.float64]
 
 AXES = ("x", "y", "z", "-x", "-y", "-z")
 MOST_ZOOM = 1000.0
@@ -112,7 +111,7 @@ class Scan:
         return self.found_up.stands if self.found_up is not None else stands_along(self._sample, self.up)
 
     @property
-    def positions(self) -> Floats:
+    def positions(self) -> Doubles:
         """Points that the camera frames, without distant ones, (n, 3), world."""
         return np.asarray(self._sample.origin + self._sample.positions)
 
@@ -123,7 +122,7 @@ class Scan:
         return x, y, z
 
     @property
-    def bounds(self) -> Floats:
+    def bounds(self) -> Doubles:
         """Bounding box of the points that the camera frames: minimum and maximum, (2, 3), world."""
         low, high = self._sample.positions.min(axis=0), self._sample.positions.max(axis=0)
         return np.asarray(self._sample.origin + [low, high])
@@ -263,7 +262,7 @@ def up_of(up: Any) -> Vector | None:
     return check_direction(up, "up")
 
 
-def _within(sample: Sample, direction: Floats, up: Vector, lens: Lens) -> Camera:
+def _within(sample: Sample, direction: Doubles, up: Vector, lens: Lens) -> Camera:
     """Return a camera inside a room that looks across its centre.
 
     direction : (3,), from the points towards the camera; lens : field of view, size and projection

@@ -10,14 +10,13 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..base.arguments import check_direction
+from ..base.arrays import Doubles
 from ..rendering.camera import SIZE, Camera, view_axes
 from .clusters import STRAY
 from .sample import Sample
-
-Floats = NDArray[np.float64]
 
 MARGIN = 0.05  # on each side, as a share of the image
 ROUNDS = 60
@@ -133,7 +132,7 @@ def _frame(
 
 
 def _fit(
-    points: Floats, depth: Floats, part: tuple[Floats, Floats], limits: tuple[float, float]
+    points: Doubles, depth: Doubles, part: tuple[Doubles, Doubles], limits: tuple[float, float]
 ) -> tuple[float, float, float]:
     """Return the camera position at which points fill a part of the image.
 
@@ -159,7 +158,7 @@ def _fit(
     return float(shift[0]), float(shift[1]), float(distance)
 
 
-def _swept_circles(positions: Floats, axis: Floats) -> Floats:
+def _swept_circles(positions: Doubles, axis: Doubles) -> Doubles:
     """Return points, (m, 3), on the circles that a scan sweeps when it turns about an axis through the origin.
 
     Only the outermost circle at each height is kept, and outliers are left out.
@@ -182,6 +181,6 @@ def _swept_circles(positions: Floats, axis: Floats) -> Floats:
     return np.asarray((rim[:, None, None] * circle + heights[:, None, None] * axis).reshape(-1, 3))
 
 
-def _unit(vector: ArrayLike) -> Floats:
+def _unit(vector: ArrayLike) -> Doubles:
     array = np.asarray(vector, np.float64)
     return np.asarray(array / np.linalg.norm(array))

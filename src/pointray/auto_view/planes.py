@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from ..base.arrays import Doubles, Flags, Rows
 
 PLACES = 600  # planes at most
 SUBSET = 5000  # points to which they are fitted
@@ -28,13 +27,13 @@ class Planes(NamedTuple):
         Whether the points of a neighbourhood lie in a plane or along a line; whether they fill a volume.
     """
 
-    positions: Floats
-    normals: Floats
-    flat: NDArray[np.bool_]
-    scattered: NDArray[np.bool_]
+    positions: Doubles
+    normals: Doubles
+    flat: Flags
+    scattered: Flags
 
 
-def fit_planes(positions: Floats) -> Planes:
+def fit_planes(positions: Doubles) -> Planes:
     """Fit a plane to the 12 points nearest to each of up to 600 places spread over a scan; none if points are too few.
 
     positions : (n, 3), the scan's points
@@ -58,7 +57,7 @@ def fit_planes(positions: Floats) -> Planes:
     return Planes(shift, axes[:, :, 0], across < FLAT, across > SCATTERED)
 
 
-def _spread_places(subset: Floats, size: float) -> NDArray[np.int64]:
+def _spread_places(subset: Doubles, size: float) -> Rows:
     """Return rows of up to `PLACES` points spread evenly: one in each occupied cell of the finest grid that allows it.
 
     subset : (n, 3), centred; size : largest extent
@@ -72,7 +71,7 @@ def _spread_places(subset: Floats, size: float) -> NDArray[np.int64]:
         cells = max(int(cells * 0.8), 1)
 
 
-def _nearest(places: Floats, subset: Floats) -> NDArray[np.int64]:
+def _nearest(places: Doubles, subset: Doubles) -> Rows:
     """Return the rows in `subset` of the points nearest to each place, including itself, (m, NEIGHBORS).
 
     places : (m, 3); subset : (n, 3)

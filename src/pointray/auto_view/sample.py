@@ -6,8 +6,8 @@ import itertools
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..base.arrays import Doubles
 from ..cloud.points import RANGES, Points, spread_rows
 from ..engine.kernels.records import TO_MODEL
 from ..engine.kernels.tree import Tree
@@ -15,8 +15,6 @@ from ..model.model import Model
 from ..scene.scene import Scene
 from .clusters import find_main, places
 from .fitted import fitted_normals
-
-Floats = NDArray[np.float64]
 
 MOST = 200_000  # points; 0.05% of them are still 100
 COARSE = 20_000  # smallest number of points in a level of detail that represents a model in parts
@@ -72,16 +70,16 @@ class Sample(NamedTuple):
         Counts of the points that were left out because they are far away.
     """
 
-    positions: Floats
-    normals: Floats
-    origin: Floats
+    positions: Doubles
+    normals: Doubles
+    origin: Doubles
     far: bool
     splats: bool = False
     format: str | None = None
-    stations: Floats = np.zeros((0, 3))
+    stations: Doubles = np.zeros((0, 3))
     ignored: Ignored = Ignored()
 
-    def relative_to(self, point: Floats) -> Sample:
+    def relative_to(self, point: Doubles) -> Sample:
         """Return the sample with another origin. point : (3,), the new origin relative to the old one"""
         stations = self.stations - point
         return self._replace(positions=self.positions - point, origin=self.origin + point, stations=stations)
@@ -143,16 +141,16 @@ class _PlacedPoints(NamedTuple):
     """
 
     points: Points
-    matrix: Floats
+    matrix: Doubles
     tree: Tree | None = None
 
     @property
-    def world_origin(self) -> Floats:
+    def world_origin(self) -> Doubles:
         """World position of the points' origin, (3,)."""
         return np.asarray((self.matrix @ [*self.points.origin, 1.0])[:3])
 
     @property
-    def stations(self) -> Floats:
+    def stations(self) -> Doubles:
         """World positions of the scanners that the points' file names, (k, 3)."""
         local = np.reshape(self.points.georeference.stations, (-1, 3))
         return np.asarray(local @ self.matrix[:3, :3].T + self.matrix[:3, 3])
@@ -239,7 +237,7 @@ def _coarsest(model: Model) -> int:
     return max((number for number, size in sizes.items() if size >= COARSE), default=min(len(sizes), 1))
 
 
-def _matrix(to_model: Floats, points: Points) -> Floats:
+def _matrix(to_model: Doubles, points: Points) -> Doubles:
     """Return an instance's transform from the coordinates of its points' file to the world, (4, 4).
 
     to_model : (12,), rows of (3, 4), from the world to positions relative to the points' origin
@@ -250,7 +248,7 @@ def _matrix(to_model: Floats, points: Points) -> Floats:
     return np.asarray(np.linalg.inv(out))
 
 
-def _part(placed: _PlacedPoints, share: float, origin: Floats) -> tuple[Floats, Floats]:
+def _part(placed: _PlacedPoints, share: float, origin: Doubles) -> tuple[Doubles, Doubles]:
     """Draw a random share of placed points; return their positions relative to an origin, and their normals, (n, 3).
 
     share : 0 to 1; origin : (3,), world. Normals are unit, in world axes; zero if unknown.

@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from ..base.arrays import Doubles, Flags
 
 SLAB = 0.05  # share of the height that counts as the base and as the top
 TIP = 0.015  # share of the height that counts as the lowest and as the highest points
@@ -35,15 +34,15 @@ class Ends(NamedTuple):
         Extent along the axis.
     """
 
-    low: Floats
-    high: Floats
-    whole: Floats
-    lowest: Floats
-    highest: Floats
+    low: Doubles
+    high: Doubles
+    whole: Doubles
+    lowest: Doubles
+    highest: Doubles
     height: float
 
     @classmethod
-    def of(cls, positions: Floats, axis: int) -> Ends:
+    def of(cls, positions: Doubles, axis: int) -> Ends:
         """Return the points near the ends of an object along axis 0, 1 or 2. positions : (n, 3), all its points"""
         height, across = positions[:, axis], np.delete(positions, axis, axis=1)
         low, high, size = height.min(), height.max(), float(np.ptp(height))
@@ -77,7 +76,7 @@ class Ends(NamedTuple):
         return _feet(self.low, self.whole) - _feet(self.high, self.whole)
 
 
-def _spread(part: Floats, whole: Floats, of_whole: tuple[float, int]) -> float:
+def _spread(part: Doubles, whole: Doubles, of_whole: tuple[float, int]) -> float:
     """Return the share of an object, seen along an axis, that the points of a part of it cover, from 0 to 1.
 
     The result is the geometric mean of two shares: of the outline's area and of the occupied cells.
@@ -91,7 +90,7 @@ def _spread(part: Floats, whole: Floats, of_whole: tuple[float, int]) -> float:
     return float(np.sqrt(min(area / max(of_whole[0], 1e-300), 1.0) * cells / of_whole[1]))
 
 
-def _outline_and_cells(part: Floats, whole: Floats) -> tuple[float, int]:
+def _outline_and_cells(part: Doubles, whole: Doubles) -> tuple[float, int]:
     """Return the area of a part's outline, and the number of cells that it occupies in a 32 x 32 grid over the whole.
 
     part, whole : (n, 2), points of the part, and all
@@ -102,7 +101,7 @@ def _outline_and_cells(part: Floats, whole: Floats) -> tuple[float, int]:
     return outline(part), int(np.count_nonzero(np.bincount(column)))
 
 
-def outline(flat: Floats) -> float:
+def outline(flat: Doubles) -> float:
     """Return the area of the polygon through the extreme points in 32 directions; 0 if it is a line.
 
     The polygon approximates the convex hull. flat : (n, 2)
@@ -114,7 +113,7 @@ def outline(flat: Floats) -> float:
     return area if area > LINE * float((flat[:, 0] ** 2 + flat[:, 1] ** 2).max()) else 0.0
 
 
-def carries(base: Floats, middle: Floats) -> bool:
+def carries(base: Doubles, middle: Doubles) -> bool:
     """Return whether an object with its centre over `middle` stands on its base without falling over.
 
     Each half circle around the centre must contain points of the base.
@@ -128,7 +127,7 @@ def carries(base: Floats, middle: Floats) -> bool:
     return bool(np.diff(angles, append=angles[:1] + 2 * np.pi).max() < np.pi)
 
 
-def _feet(base: Floats, whole: Floats) -> float:
+def _feet(base: Doubles, whole: Doubles) -> float:
     """Return how much an end of an object looks like 2 to 12 feet on which it can stand, from 0 to 1.
 
     Feet enclose a large outline but occupy few cells: the result is the difference of both as shares of the whole.
@@ -144,14 +143,14 @@ def _feet(base: Floats, whole: Floats) -> float:
     return max(outline(base) / max(outline(whole), 1e-300) - float(taken.sum() / everywhere.sum()), 0.0)
 
 
-def _grid(unit: Floats) -> NDArray[np.bool_]:
+def _grid(unit: Doubles) -> Flags:
     """Return the occupied cells of a grid over the unit square, with an empty border. unit : (n, 2), positions in it"""
     cells = np.zeros((FEET_CELLS + 2, FEET_CELLS + 2), bool)
     cells[tuple(np.minimum(unit * FEET_CELLS, FEET_CELLS - 1).astype(int).T + 1)] = True
     return cells
 
 
-def _count_islands(cells: NDArray[np.bool_]) -> int:
+def _count_islands(cells: Flags) -> int:
     """Count groups of occupied cells that are connected by edges or corners. cells : (m, m), with an empty border"""
     left, count = cells.copy(), 0
     while left.any():

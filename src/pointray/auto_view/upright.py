@@ -9,13 +9,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..base.arrays import Doubles, Flags
 from .camera_frame import find_camera_frame
 from .evidence import AXES, Scores, Shape, faces, foliage, ground, stands, stationed, trunk, turning, walls
 from .sample import Sample
-
-Floats = NDArray[np.float64]
 
 FLAT = 0.2  # height over width below which a scan is flat: terrain, a city, a floor
 FAR_OUT = 0.2  # share of the size: points farther outside the central 98% are outliers
@@ -191,7 +190,7 @@ def _thinned(sample: Sample) -> Sample:
     return sample._replace(positions=sample.positions[::step], normals=sample.normals[::step])
 
 
-def _without_strays(positions: Floats) -> NDArray[np.bool_]:
+def _without_strays(positions: Doubles) -> Flags:
     """Return whether each point is no outlier, (n,): within or not far outside the central 98% along each axis.
 
     positions : (n, 3)
@@ -205,7 +204,7 @@ def _only(axis: str) -> Scores:
     return np.array([float(name == axis) for name in AXES])
 
 
-def is_flat(positions: Floats) -> bool:
+def is_flat(positions: Doubles) -> bool:
     """Return whether points, (n, 3), are at most a fifth as high (along the last axis) as wide, without outliers."""
     across, deep, high = np.ptp(np.quantile(positions, [EDGE, 1.0 - EDGE], axis=0), axis=0)
     return bool(high <= FLAT * max(across, deep))

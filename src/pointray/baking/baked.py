@@ -7,9 +7,9 @@ import os
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..base.arguments import check_callback, check_kind, check_path, wrong
+from ..base.arrays import Floats, Rows
 from ..base.executor import Client, Executor, snapshot_and_executor
 from ..base.progress import Progress, StageProgress, in_stage, report_progress
 from ..base.warning_log import warn
@@ -30,8 +30,6 @@ from .store import SplatLight
 from .transport import ALL_SIDES
 
 NO_LEVELS = "levels of detail were added after the bake: call update(), or bake again"
-
-Floats = NDArray[np.float32]
 
 
 class StaleLightWarning(UserWarning):
@@ -251,7 +249,7 @@ class Baked:
         twin.update()
         return twin
 
-    def tables(self, scene: Snapshot, levels: NDArray[np.int64]) -> tuple[Array, Array]:
+    def tables(self, scene: Snapshot, levels: Rows) -> tuple[Array, Array]:
         """Return the arrays through which kernels read the light; warn once if the light no longer fits the scene.
 
         levels : (instances,), the level of detail that each instance shows

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..base.arrays import Floats
 from ..base.executor import Executor
 from ..base.progress import Progress, part_of, report_progress
 from ..engine.kernels.records import INSTANCE, KIND, MODEL
@@ -26,8 +26,6 @@ LEAST_PROBES, PROBES, PROBE_SHARE, PROBE_LINKS = 1 << 11, 1 << 13, 4, 16
 DARK = 0.02  # back sides with less than this fraction of the brightest side's light are black
 MOST_ROUNDS = 3  # of additional links where light is noisy
 DIM = 0.1  # noise is relative to at least this fraction of the mean light
-
-Floats = NDArray[np.float32]
 
 
 class Exchange:

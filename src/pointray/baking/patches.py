@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.arrays import Floats, Indices
 from ..cloud.neighbors import NeighborTree
 from ..engine.jit import Array, borrow, f32, i32, inline, kernel, next_tile, run
 from ..engine.kernels.tree import BLOCK, FAR, INV_R2, NX, PX, Tree, first_scattered
@@ -25,9 +26,6 @@ NEAREST = f32(0.05)  # added to the squared relative distance, so that weights s
 GOLDEN = 0.6180339887498949  # the fractional parts of its multiples are evenly distributed
 RIDGE = 0.01  # regularization, as a fraction of a matrix's trace
 
-Floats = NDArray[np.float32]
-Rows = NDArray[np.int32]
-
 
 class Blend(NamedTuple):
     """Interpolation of light from patches (splats that exchange light on behalf of others) to the splats of a tree.
@@ -39,8 +37,8 @@ class Blend(NamedTuple):
     weights : (slots, AROUND) uint8, their weights for each splat; the sum is not 0
     """
 
-    patch_of: Rows
-    around: Rows
+    patch_of: Indices
+    around: Indices
     weights: NDArray[np.uint8]
 
 
@@ -57,7 +55,7 @@ class PatchSet(NamedTuple):
     positions: Floats
     normals: Floats
     radii: Floats
-    near: Rows
+    near: Indices
     blends: list[Blend]
 
 
@@ -130,7 +128,7 @@ def blend_for(x: Floats, n: Floats, finder: NeighborTree, positions: Floats, nor
 
 def nearest_blend(
     x: Floats, n: Floats, blend: Blend, patches: tuple[Floats, Floats], count: int
-) -> tuple[Rows, NDArray[np.uint8]]:
+) -> tuple[Indices, NDArray[np.uint8]]:
     """Reduce an interpolation of light from AROUND patches for each block of splats to one from only `count` patches.
 
     Kept are the patches of largest total weight in the block; those that have the largest weight at one of its splats
@@ -159,7 +157,7 @@ def nearest_blend(
     return around[:, :count], out[:, :count]
 
 
-def _facing(splats: tuple[Floats, Floats], finder: NeighborTree, blocks: NDArray[np.int64], normals: Floats) -> Rows:
+def _facing(splats: tuple[Floats, Floats], finder: NeighborTree, blocks: NDArray[np.int64], normals: Floats) -> Indices:
     """Find the nearest patches that face the same way as splats, for blocks where the closest ones do not.
 
     splats : positions and normals of all splats, (slots, 3) each
@@ -184,7 +182,7 @@ def _facing(splats: tuple[Floats, Floats], finder: NeighborTree, blocks: NDArray
     return out.reshape(-1, AROUND)
 
 
-def _neighbors_within(finder: NeighborTree, positions: Floats) -> Rows:
+def _neighbors_within(finder: NeighborTree, positions: Floats) -> Indices:
     """Return the NEAR nearest other patches of each patch, (m, NEAR) int32, padded with -1. positions : (m, 3)"""
     out = np.full((len(positions), NEAR), -1, np.int32)
     for first in range(0, len(positions), PIECE):

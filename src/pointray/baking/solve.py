@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.arrays import Doubles, Floats
 from ..engine.jit import run
 from ..engine.kernels import records as rec
 from ..engine.kernels.records import World
@@ -24,8 +25,6 @@ from .transport import Transport
 FEW = 2
 EXACT = 1e-3  # fraction of the light that omitted bounces may hold
 
-Floats = NDArray[np.float32]
-
 
 class ArrivingLight(NamedTuple):
     """Light that arrives at n patches after all bounces.
@@ -40,7 +39,7 @@ class ArrivingLight(NamedTuple):
     facts: Floats
 
 
-def lamp_radiances(world: World) -> NDArray[np.float64]:
+def lamp_radiances(world: World) -> Doubles:
     """Return the radiance of each area light, (lights, 3) RGB; black for other lights."""
     records = world.lights.reshape(-1, rec.LIGHT)
     seen = np.isin(records[:, rec.LIGHT_KIND], (rec.RECT_LIGHT, rec.DISK_LIGHT, rec.SPHERE_LIGHT))
@@ -132,7 +131,7 @@ def _bands(directions: NDArray[Any]) -> Floats:
 
 
 def _gather_light(
-    transport: Transport, light: Floats, lamps: NDArray[np.float64], every: int, indirect: Floats, threads: int | None
+    transport: Transport, light: Floats, lamps: Doubles, every: int, indirect: Floats, threads: int | None
 ) -> None:
     """Compute the irradiance that arrives at all patches along their links, rays to sources of light.
 

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.arrays import Floats
 from ..engine.jit import run, uncompiled
 from ..engine.kernels.records import DIRECT, INDIRECT, RECORD
 from ..model.model import Model
@@ -26,8 +27,6 @@ BRIGHTEST = 32768.0  # the brightest light, in the unit of the records
 SKY_STEPS = 65535  # steps of a sky fraction in a file
 
 NO_BLEND = np.zeros(0, np.int32)
-
-Floats = NDArray[np.float32]
 
 
 class SplatLight(NamedTuple):

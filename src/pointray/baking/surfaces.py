@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.arrays import Doubles, Flags, Floats, Rows
 from ..base.progress import Progress, report_progress
 from ..engine.jit import run
 from ..engine.kernels import records as rec
@@ -28,8 +29,6 @@ BRIGHTEST = 0.9  # limit for points' colours: photographs contain shading, and w
 LIFTS = (0.75, 0.2, 0.05)
 TURNED = 0.3  # smallest cosine between a splat's normal and its surface; below it another surface was hit
 
-Floats = NDArray[np.float64]
-
 
 class BakeSurface(NamedTuple):
     """Patches of one instance, shared by its front and back. A patch represents the surface around it.
@@ -46,12 +45,12 @@ class BakeSurface(NamedTuple):
 
     instance: int
     patches: PatchSet | Grid
-    positions: Floats
-    normals: NDArray[np.float32]
-    albedo: NDArray[np.float32]
-    emitted: NDArray[np.float32]
-    lost: NDArray[np.bool_]
-    margins: NDArray[np.float32]
+    positions: Doubles
+    normals: Floats
+    albedo: Floats
+    emitted: Floats
+    lost: Flags
+    margins: Floats
 
 
 def find_surfaces(
@@ -90,7 +89,7 @@ def find_surfaces(
     return _shaded(scene, surfaces, albedo_scale)
 
 
-def _margins(noise: NDArray[np.float32], patches: PatchSet) -> NDArray[np.float32]:
+def _margins(noise: Floats, patches: PatchSet) -> Floats:
     """Return the noise that denoising removed at each patch, (m,) in model units, by which its rays are offset.
 
     noise : (blocks,), standard deviation; empty if the points were not denoised
@@ -101,7 +100,7 @@ def _margins(noise: NDArray[np.float32], patches: PatchSet) -> NDArray[np.float3
     return out
 
 
-def _model_scale(record: Floats, normals: NDArray[np.float32]) -> NDArray[np.float32]:
+def _model_scale(record: Doubles, normals: Floats) -> Floats:
     """Return how many units of an instance's model one world unit is, along each of m world normals, (m,).
 
     record : the instance, as in `World.instances`
@@ -140,7 +139,7 @@ def with_levels(scene: Snapshot, surfaces: list[BakeSurface]) -> list[BakeSurfac
     return out
 
 
-def _plane_of(world: World, record: Floats) -> Floats:
+def _plane_of(world: World, record: Doubles) -> Doubles:
     return world.planes[int(record[rec.SHAPE_ROW]) * rec.PLANE_SIZE :][: rec.PLANE_SIZE]
 
 
@@ -213,7 +212,7 @@ def coarser(surfaces: list[BakeSurface], most: int) -> list[BakeSurface]:
     return out
 
 
-def _selected(surface: BakeSurface, rows: NDArray[np.int64], patches: PatchSet | Grid) -> BakeSurface:
+def _selected(surface: BakeSurface, rows: Rows, patches: PatchSet | Grid) -> BakeSurface:
     """Return a surface with only some of its patches.
 
     rows : (m,) indices of the patches to keep; patches : description of these, the result's field `patches`
@@ -222,7 +221,7 @@ def _selected(surface: BakeSurface, rows: NDArray[np.int64], patches: PatchSet |
     return BakeSurface(surface.instance, patches, *arrays)
 
 
-def around(scene: Snapshot) -> Floats:
+def around(scene: Snapshot) -> Doubles:
     """Return the box around models and lights with a position, (2, 3); -1 to 1 if there are only planes and suns."""
     world = scene.world
     boxes = scene.boxes[world.instances.reshape(-1, rec.INSTANCE)[:, rec.KIND] == rec.MODEL].reshape(-1, 2, 3)
@@ -233,9 +232,7 @@ def around(scene: Snapshot) -> Floats:
     return np.stack([low.min(axis=0), high.max(axis=0)]) if len(low) else np.array([[-1.0] * 3, [1.0] * 3])
 
 
-def _all_on_surface(
-    world: World, row: int, patches: PatchSet
-) -> tuple[Floats, NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_]]:
+def _all_on_surface(world: World, row: int, patches: PatchSet) -> tuple[Doubles, Floats, Floats, Flags]:
     """Project the patches of an instance onto its surface, PIECE of them at a time, to limit the memory of the rays.
 
     row : of the instance
@@ -262,9 +259,7 @@ def _all_on_surface(
     return out
 
 
-def _on_surface(
-    world: World, row: int, patches: PatchSet
-) -> tuple[Floats, NDArray[np.float32], Floats, NDArray[np.bool_]]:
+def _on_surface(world: World, row: int, patches: PatchSet) -> tuple[Doubles, Floats, Doubles, Flags]:
     """Project the patches of an instance onto its surface, with rays from a little above each patch along its normal.
 
     row : of the instance

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.arrays import Doubles, Flags, Floats
 from ..base.executor import Executor, SharedValue
 from ..base.progress import Progress
 from ..engine.jit import run, uncompiled
@@ -27,8 +28,6 @@ NO_SUNS = np.zeros(0)
 BURIED = 0.5  # fraction of links that lead to a dark inside, from which on a patch is not trusted
 AREA_SAMPLES = 16  # shadow rays of a patch to an area light
 ALL_SIDES = (1, -1)
-
-Floats = NDArray[np.float32]
 
 
 class Side(NamedTuple):
@@ -96,10 +95,10 @@ class Transport:
             near = _neighbors_of(scene.world, surfaces[k])
             self.sides.append(Side(surfaces[k], sign, first, len(near), near))
             first += len(near)
-        self.positions: NDArray[np.float64] = self._concatenate_column("positions", np.float64)
+        self.positions: Doubles = self._concatenate_column("positions", np.float64)
         self.albedo: Floats = self._concatenate_column("albedo", np.float32)
         self.emitted: Floats = self._concatenate_column("emitted", np.float32)
-        self._lost: NDArray[np.bool_] = self._concatenate_column("lost", np.bool_)
+        self._lost: Flags = self._concatenate_column("lost", np.bool_)
         self._margins: Floats = self._concatenate_column("margins", np.float32)
         signs = np.repeat([side.sign for side in self.sides], [side.size for side in self.sides])
         self.normals: Floats = self._concatenate_column("normals", np.float32) * signs[:, None].astype(np.float32)
@@ -234,7 +233,7 @@ class Transport:
         self._run(rows, world, rays, Found(NO_INTS, NO_INTS, NO_FLOATS, direct.reshape(-1)), progress)
         return direct
 
-    def find_suns(self, world: World, suns: NDArray[np.float64]) -> Floats:
+    def find_suns(self, world: World, suns: Doubles) -> Floats:
         """Return the cosine of each patch's normal to each bright spot of the sky, (n, suns) float32; 0 where occluded.
 
         suns : (suns, 3), unit directions to the spots

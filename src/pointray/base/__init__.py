@@ -1,6 +1,7 @@
 """Utilities for the rest of the package, from which they import nothing.
 
 arguments : validation of parameters
+arrays : names of array types for annotations
 choices : names shared by options, scene files and the viewer
 deprecation : warnings for renamed names
 dependencies : hashes of the sources that a module imports, directly or indirectly

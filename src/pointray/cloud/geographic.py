@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.arrays import Doubles
 from ..base.warning_log import warn
 from .georeference import Georeference
 
@@ -25,8 +26,6 @@ CODES = range(4001, 5000)  # EPSG codes of geographic systems
 WIDEST = 10.0  # degrees: wider clouds are not projected onto one plane
 SLENDER = 300  # without a coordinate system, x and y of a cloud this many times as high as wide are taken for degrees
 DISTANT = 100  # widths from the origin, at least: true of degrees, not of models
-
-Floats = NDArray[np.float64]
 
 
 class LocalFrame(NamedTuple):
@@ -65,7 +64,7 @@ class LocalFrame(NamedTuple):
         latitude, longitude = (f"{value:.{DECIMALS}f}" for value in self[:2])
         return f"{self.method} +lat_0={latitude} +lon_0={longitude} +ellps=WGS84 +units=m"
 
-    def to_local(self, degrees: NDArray[Any]) -> Floats:
+    def to_local(self, degrees: NDArray[Any]) -> Doubles:
         """Convert longitudes, latitudes (degrees) and heights, (n, 3), to metres east and north, and heights."""
         rows = np.asarray(degrees, np.float64)
         if self.method == PROJ:
@@ -73,7 +72,7 @@ class LocalFrame(NamedTuple):
             return _finite(np.stack([east, north, rows[:, 2]], axis=1))
         return (rows - (self.longitude, self.latitude, 0.0)) * self._metres
 
-    def to_degrees(self, local: NDArray[Any]) -> Floats:
+    def to_degrees(self, local: NDArray[Any]) -> Doubles:
         """Convert metres east and north, and heights, (n, 3), to longitudes, latitudes (degrees) and heights."""
         rows = np.asarray(local, np.float64)
         if self.method == PROJ:
@@ -83,7 +82,7 @@ class LocalFrame(NamedTuple):
         return rows / self._metres + (self.longitude, self.latitude, 0.0)
 
     @property
-    def _metres(self) -> Floats:
+    def _metres(self) -> Doubles:
         """Metres per degree of longitude and of latitude, and 1 for heights, (3,): radii of curvature of the ellipsoid.
 
         Snyder 1987, eq. 4-18 to 4-21.
@@ -102,7 +101,7 @@ def _transformer(projection: str) -> Any:
     return pyproj.Transformer.from_crs("+proj=longlat +ellps=WGS84", projection, always_xy=True)
 
 
-def _finite(rows: Floats) -> Floats:
+def _finite(rows: Doubles) -> Doubles:
     """Replace rows, (n, 3), that pyproj could not project, which are infinite, by NaN."""
     rows[np.isinf(rows).any(axis=1)] = np.nan
     return rows

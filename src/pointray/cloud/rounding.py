@@ -13,12 +13,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..base.arrays import Doubles, Floats
 from .neighbors.few_queries import Neighborhoods, find_neighborhoods
 from .points import Points
-
-Floats = NDArray[np.float64]
 
 COARSE = 0.25  # spacings: smaller steps are hardly visible
 SAMPLE = 5_000  # rows whose coordinates are examined
@@ -71,7 +69,7 @@ def find_rounding(points: Points) -> tuple[tuple[float, float, float], str | Non
     return (x, y, z), _message((x, y, z), largest, bool(single), spacing)
 
 
-def _message(steps: Sequence[float], largest: Floats, single: bool, spacing: float) -> str:
+def _message(steps: Sequence[float], largest: Doubles, single: bool, spacing: float) -> str:
     """Return a message with the coarsest step, its cause and a remedy.
 
     steps : of x, y and z, 0 if not rounded
@@ -90,7 +88,7 @@ def _message(steps: Sequence[float], largest: Floats, single: bool, spacing: flo
     )
 
 
-def _step(values: Floats, exact: float) -> float:
+def _step(values: Doubles, exact: float) -> float:
     """Return the largest step on which nearly all coordinates lie, counted from one of them; 0 if there is none.
 
     values : (m,) coordinates along one axis
@@ -130,9 +128,7 @@ def _mean_spacing(near: Neighborhoods) -> float:
     return float(np.median(near.farthest * np.sqrt(np.pi / near.shared.sum(axis=1))))
 
 
-def _is_no_raster(
-    positions: NDArray[np.float32], near: Neighborhoods, axes: Sequence[int], steps: Sequence[float]
-) -> bool:
+def _is_no_raster(positions: Floats, near: Neighborhoods, axes: Sequence[int], steps: Sequence[float]) -> bool:
     """Return whether points on coarse steps were rounded to them, rather than measured in a raster of that width.
 
     In a raster each position has one point, and the next is one step away. True if many rows share a position on the

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .statistics import CloudStatistics, Rows
+from ..base.arrays import Rows
+from .statistics import CloudStatistics
 
 
 class SampledStatistics(CloudStatistics):

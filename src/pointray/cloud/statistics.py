@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Rows = NDArray[np.int64]
+from ..base.arrays import Flags, Floats, Rows
 
 RANGE, RANGES = 1 << 16, 16  # points of a range; ranges in the sample of a large cloud
 # Bits of a quantized number. The remaining bits depend on how far a part's margin extends; through these numbers they
@@ -81,21 +81,21 @@ class CloudStatistics:
         if names[0] not in self.known:
             self.known.update(zip(names, map(float, find()), strict=True))
 
-    def quantile(self, name: str, values: NDArray[np.float32], share: float) -> float:
+    def quantile(self, name: str, values: Floats, share: float) -> float:
         """Return the quantile `share` (0 to 1) of `values` in the sample, rounded to 8 bits and cached by name.
 
         values : (n,) one number per point in memory
         """
         return self.get_or_compute(name, lambda: quantize(quantile(self._of_sample(values), share)))
 
-    def least(self, name: str, values: NDArray[np.float32]) -> float:
+    def least(self, name: str, values: Floats) -> float:
         """Return the minimum of `values` in the sample, cached by name.
 
         values : (n,) one number per point in memory
         """
         return self.get_or_compute(name, lambda: float(self._of_sample(values).min()))
 
-    def diagonal(self, name: str, positions: NDArray[np.float32]) -> float:
+    def diagonal(self, name: str, positions: Floats) -> float:
         """Return the diagonal of the box around the central 98% of the sample, rounded to 8 bits and cached.
 
         positions : (n, 3) the points in memory
@@ -108,7 +108,7 @@ class CloudStatistics:
 
         return self.get_or_compute(name, find)
 
-    def share(self, name: str, flags: NDArray[np.bool_]) -> float:
+    def share(self, name: str, flags: Flags) -> float:
         """Return the share of sampled points, 0 to 1, whose flag is set, rounded to 8 bits and cached by name.
 
         flags : (n,) one per point in memory
@@ -142,7 +142,7 @@ class CloudStatistics:
         rows = np.arange(count) if self._rows is None else self._rows
         return rows[:: max(len(rows) // most, 1)]
 
-    def quantile_of_rows(self, name: str, values: NDArray[np.float32], rows: Rows, share: float) -> float:
+    def quantile_of_rows(self, name: str, values: Floats, rows: Rows, share: float) -> float:
         """Return the quantile `share` (0 to 1) of the values at some rows, rounded up to 8 bits and cached by name.
 
         values : (n,) one number per point in memory
@@ -180,7 +180,7 @@ def quantize(value: float, is_limit: bool = False) -> float:
     return math.ldexp(math.floor(scaled) if is_limit else round(scaled), exponent - BITS)
 
 
-def quantile(values: NDArray[np.float32], share: float) -> float:
+def quantile(values: Floats, share: float) -> float:
     """Return the quantile `share` (0 to 1) of values, (n,), as `np.quantile` does, in a fifth of the time.
 
     A sorted sample brackets the quantile, so that only few values have to be partitioned.

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from ..base.arrays import Rows
 from ..scene.blend import hit_attribute
 from ..scene.casting import RayArguments, intersect_snapshot, occluded_snapshot
-from ..scene.ownership import Rows, Shares, held_scene
+from ..scene.ownership import Shares, held_scene
 from ..scene.rays import Hits, check_rays, leading_shape
 from ..scene.world import Snapshot
 from ..surface.trace.cast import Pace

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..base.arrays import Floats
 from ..base.extras import require
-
-Floats = NDArray[np.float32]
 
 
 def check_denoise() -> None:

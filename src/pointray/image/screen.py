@@ -7,12 +7,12 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..base.arrays import Floats
 from ..engine.jit import Array, borrow, f32, kernel, next_tile, run
 from ..engine.simd import float_bits
 from .tone import linear_to_srgb, tone
 
 Rgb8 = NDArray[np.uint8]
-Floats = NDArray[np.float32]
 
 ROWS = 16  # rows a thread takes at a time
 # The table is indexed by the exponent and the first 9 bits of the mantissa, from 2^-14, which is level 0, to 2^8, which
@@ -70,9 +70,7 @@ def _before(curve: str, shown: Floats) -> Floats:
     return np.interp(np.minimum(shown, BRIGHT), tone(x, 0.0, curve), x).astype(np.float32)
 
 
-def to_8bit(
-    image: NDArray[np.float32], backdrop: ArrayLike = (0.0, 0.0, 0.0), exposure: float = 0.0, curve: str = "srgb"
-) -> Rgb8:
+def to_8bit(image: Floats, backdrop: ArrayLike = (0.0, 0.0, 0.0), exposure: float = 0.0, curve: str = "srgb") -> Rgb8:
     """Convert a rendered image to 8-bit sRGB by a table, fast enough for each frame of the viewer.
 
     Parameters

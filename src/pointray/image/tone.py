@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.arguments import check_choice, check_number, check_numbers, wrong
+from ..base.arrays import Doubles, Floats
 from ..base.choices import CURVES
-
-Floats = NDArray[np.float32]
 
 # Neutral curve: offset subtracted from all but the darkest values; start of highlight compression.
 BLACK_POINT, SHOULDER = 0.01, 0.79
@@ -33,7 +32,7 @@ def srgb_to_linear(colors: NDArray[np.uint8] | NDArray[np.floating[Any]]) -> Flo
     return _TABLE[colors] if colors.dtype == np.uint8 else _decode(colors.astype(np.float64))
 
 
-def _decode(x: NDArray[np.float64]) -> Floats:
+def _decode(x: Doubles) -> Floats:
     curve = np.where(x <= 0.04045, x / 12.92, ((np.maximum(x, 0) + 0.055) / 1.055) ** 2.4)
     return curve.astype(np.float32)
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
 from ..base.arguments import check_mapping, check_path
+from ..base.arrays import Floats
 from ..base.atomic_write import check_writable, replacing, unsupported_extension
 from ..base.choices import AUTO
 from ..base.memory import check_memory
@@ -28,8 +29,6 @@ QUALITY = 92  # JPEG quality
 BAND = 1 << 19  # pixels converted together, to save memory
 SHOWN_BYTES = 8  # bytes of a pixel in 8-bit channels, with Pillow's copy
 EXR_BYTES = 64  # bytes of a pixel in separate channels, for all layers of `render_layers`
-
-Floats = NDArray[np.float32]
 
 
 def write_image(

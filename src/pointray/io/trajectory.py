@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..base.arguments import check_kind, check_path, real_numbers
+from ..base.arrays import Doubles
 from ..cloud.geographic import LocalFrame, in_file
 from ..cloud.points import Points
 from .files import headers, read
@@ -21,8 +21,6 @@ TIMES = ("gps_time", "time", "t", "timestamp", "gpstime", "gps_seconds", "second
 WORDS = re.compile(r"[A-Za-z]{2,}")  # words of a header or comment; numbers contain single letters at most
 NO_NUMBERS = re.compile(r"\b(nan|inf|infinity)\b", re.IGNORECASE)
 ADVICE = "name its columns in the first line, for example time,x,y,z"
-
-Doubles = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

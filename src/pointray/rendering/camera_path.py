@@ -7,13 +7,11 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..base.arguments import check_kind, check_number, check_positive, check_whole, wrong
+from ..base.arrays import Doubles
 from ..engine.kernels.records import UPWARD
 from .camera import Camera, unit
-
-Floats = NDArray[np.float64]
 
 MOST_FRAMES = 100_000
 STEP = np.radians(45.0)  # between directions farther apart than this, points on the arc are inserted
@@ -116,7 +114,7 @@ def fly(keys: Sequence[tuple[float, Camera]], fps: float = 24.0) -> list[Camera]
     ]
 
 
-def _times_of(keys: Any) -> Floats:
+def _times_of(keys: Any) -> Doubles:
     wanted = "pairs of a number of seconds and a Camera"
     if not isinstance(keys, Sequence) or isinstance(keys, str | bytes):
         raise wrong("keys", wanted, keys)
@@ -131,7 +129,7 @@ def _times_of(keys: Any) -> Floats:
     )
 
 
-def _between(times: Floats, cameras: Sequence[Camera], at: Floats) -> list[Camera]:
+def _between(times: Doubles, cameras: Sequence[Camera], at: Doubles) -> list[Camera]:
     """Return the cameras at times `at`, interpolated between keyframes.
 
     times : (n,), of the keyframes; cameras : n of them; at : (m,), in the same unit
@@ -155,7 +153,7 @@ def _between(times: Floats, cameras: Sequence[Camera], at: Floats) -> list[Camer
     ]
 
 
-def _curve(times: Floats, values: Floats, at: Floats) -> Floats:
+def _curve(times: Doubles, values: Doubles, at: Doubles) -> Doubles:
     """Interpolate (n, k) values at n times by a smooth curve through them; return the values at m times `at`, (m, k).
 
     The curve is a cubic between neighbours, with the slopes of parabolas through three values each.
@@ -168,7 +166,7 @@ def _curve(times: Floats, values: Floats, at: Floats) -> Floats:
     return np.asarray(CubicHermiteSpline(times, values, slopes)(at))
 
 
-def _directions_between(times: Floats, directions: Floats, at: Floats) -> Floats:
+def _directions_between(times: Doubles, directions: Doubles, at: Doubles) -> Doubles:
     """Interpolate (n, 3) directions at n times on the sphere; return unit vectors at m times `at`, (m, 3)."""
     units = np.array([unit(direction) for direction in directions])
     passed, when = [units[0]], [times[0]]
@@ -184,7 +182,7 @@ def _directions_between(times: Floats, directions: Floats, at: Floats) -> Floats
     return np.asarray(directions_at / np.linalg.norm(directions_at, axis=1, keepdims=True))
 
 
-def _turn_between(a: Floats, b: Floats) -> tuple[Floats, float]:
+def _turn_between(a: Doubles, b: Doubles) -> tuple[Doubles, float]:
     """Return axis and angle (radians) of the rotation from unit vector a to b.
 
     For opposite vectors the axis is horizontal, if possible.
@@ -197,7 +195,7 @@ def _turn_between(a: Floats, b: Floats) -> tuple[Floats, float]:
     return unit(axis), angle
 
 
-def _turned(vectors: Floats, axis: Floats, angle: float) -> Floats:
+def _turned(vectors: Doubles, axis: Doubles, angle: float) -> Doubles:
     """Rotate vectors, (..., 3), about a unit axis by an angle in radians (Rodrigues)."""
     along = (vectors @ axis)[..., None] * axis
     return np.asarray(along + (vectors - along) * np.cos(angle) + np.cross(axis, vectors) * np.sin(angle))

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..base.arrays import Floats
 from ..engine.kernels.vec import LUMINANCE
 
 ROUNDING = 4e-6  # variance of equal samples by rounding of their sums, relative to the squared mean
 BAND = 1 << 17  # pixels processed together, to save memory
-
-Floats = NDArray[np.float32]
 
 
 def light_of(film: Floats, done: int) -> tuple[Floats, Floats]:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.arguments import check_callback, check_kind
+from ..base.arrays import Floats
 from ..base.executor import Client, Executor, snapshot_and_executor
 from ..base.memory import check_memory
 from ..base.progress import StageProgress, in_stage
@@ -25,7 +26,7 @@ from .film import ALL_SUMS, LIGHT_SUMS, LONGEST_PASS, NOISE_SUMS
 from .integrate import BLOCK_EDGE, quick_frame, sampled_frame
 from .lod import Fetch
 from .noise import light_of, noise_of
-from .pieces import Floats, Order, add_in_pieces
+from .pieces import Order, add_in_pieces
 from .plan import plan
 from .ray_forwarding.spread import NOTHING, check_spread
 from .settings import Settings

@@ -11,9 +11,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from ..base.arrays import Floats
 from ..base.executor import Executor, Job
 from .camera import Camera
 from .film import LONGEST_PASS
@@ -23,8 +21,6 @@ from .settings import Settings
 PIECES = 8  # pieces a worker, for load balance
 FEWEST_BLOCKS = 4  # minimum blocks of a piece, for each thread of a worker
 MOST_PIXELS = 1 << 16  # pixels of a piece, or twice that with long rows, as a message holds a piece with its sums
-
-Floats = NDArray[np.float32]
 
 
 class Piece(NamedTuple):

@@ -7,10 +7,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import repeat
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ..base.arguments import check_kind, wrong
+from ..base.arrays import Floats
 from ..base.executor import Client, Executor, Job, snapshot_and_executor
 from ..base.progress import StageProgress, in_stage
 from ..scene.scene import Scene
@@ -29,8 +27,6 @@ from .settings import Settings
 
 AHEAD = 4  # images a worker that are in progress or finished ahead of the first missing one
 
-Floats = NDArray[np.float32]
-
 
 def animate(
     scene: Scene,
@@ -39,7 +35,7 @@ def animate(
     progress: StageProgress | None = None,
     client: Client = None,
     spread: bool | None = None,
-) -> Iterator[NDArray[np.float32]]:
+) -> Iterator[Floats]:
     """Render the frames of a film, one for each camera; see `turntable` and `fly`. The scene is not modified.
 
     Parameters

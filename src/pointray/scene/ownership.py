@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..base.arrays import Doubles, Rows
 from ..engine.kernels.records import KIND, MODEL, PLANE, SHAPE_ROW
 from .visible_trees import instances_of
 from .world import Snapshot, surface_boxes
-
-Rows = NDArray[np.int64]
 
 
 class Shares:
@@ -74,7 +72,7 @@ def held_scene(scene: Snapshot, rows: Rows) -> Snapshot:
     return scene._replace(world=scene.world._replace(instances=records.reshape(-1)))
 
 
-def boxes_of(scene: Snapshot, rows: Rows) -> NDArray[np.float64]:
+def boxes_of(scene: Snapshot, rows: Rows) -> Doubles:
     """Return world boxes around the surfaces of the instances in some rows, (n, 6): min x y z, max x y z.
 
     Coarser levels of detail may extend beyond these boxes. Tracing clips them to the BVH over the instances; in a scene

@@ -12,11 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.arguments import check_numbers, rgb, unit_vector, wrong_type
+from ..base.arrays import Doubles, Floats
 from ..engine.kernels import records as rec
 from .lights import Light
 from .pictures import read_picture
-
-Floats = NDArray[np.float64]
 
 LARGEST = 16384  # pixels a side
 BRIGHTEST = 1e9
@@ -110,7 +109,7 @@ def no_sky() -> tuple[NDArray[Any], ...]:
     return np.zeros(rec.SKY), np.zeros(0, np.float32), np.zeros(0), np.zeros(0), np.zeros(27)
 
 
-def _check_image(image: Any) -> NDArray[np.float32]:
+def _check_image(image: Any) -> Floats:
     """Return a validated equirectangular image of radiance, (h, w, 3) float32.
 
     image : array (h, w, 3 or 4), or path of a file
@@ -133,7 +132,7 @@ def _check_image(image: Any) -> NDArray[np.float32]:
     return colors
 
 
-def _axes(up: Floats) -> tuple[Floats, Floats, Floats]:
+def _axes(up: Doubles) -> tuple[Doubles, Doubles, Doubles]:
     """Return the world's x, y and z axes, turned by the smallest rotation that takes z to `up`, a unit vector."""
     if up[2] < -1.0 + 1e-12:
         return np.array([1.0, 0.0, 0.0]), np.array([0.0, -1.0, 0.0]), up
@@ -142,7 +141,7 @@ def _axes(up: Floats) -> tuple[Floats, Floats, Floats]:
     return x - up[0] / (1.0 + up[2]) * half, y - up[1] / (1.0 + up[2]) * half, up
 
 
-def _gradient(sky: Floats) -> Floats:
+def _gradient(sky: Doubles) -> Doubles:
     """Return a gradient sky as an equirectangular image, (FINE, 2 FINE, 3). sky : its record, see `records.SKY`"""
     height = np.cos((np.arange(FINE) + 0.5) / FINE * np.pi)[:, None]
     zenith, horizon, ground = (sky[k : k + 3] for k in (rec.SKY_ZENITH, rec.SKY_HORIZON, rec.SKY_GROUND))
@@ -150,13 +149,13 @@ def _gradient(sky: Floats) -> Floats:
     return np.repeat(rows[:, None], 2 * FINE, axis=1)
 
 
-def _solid_angles(height: int, width: int) -> Floats:
+def _solid_angles(height: int, width: int) -> Doubles:
     """Return the solid angle of a pixel in each row of an equirectangular image, (height,), in steradians."""
     edges = np.cos(np.arange(height + 1) / height * np.pi)
     return np.asarray((edges[:-1] - edges[1:]) * 2.0 * np.pi / width)
 
 
-def _shares(colors: NDArray[np.float32]) -> tuple[Floats, Floats]:
+def _shares(colors: Floats) -> tuple[Doubles, Doubles]:
     """Return the cumulative distributions by which an environment image is importance sampled.
 
     A pixel counts with its brightest neighbour, as radiance is interpolated.
@@ -180,7 +179,7 @@ def _shares(colors: NDArray[np.float32]) -> tuple[Floats, Floats]:
     return rows / (rows[-1] or 1.0), columns.reshape(-1)
 
 
-def harmonics(d: Floats) -> Floats:
+def harmonics(d: Doubles) -> Doubles:
     """Return the nine real spherical harmonics up to degree 2 at unit directions d, (..., 3): (9, ...)."""
     x, y, z = np.moveaxis(d, -1, 0)
     return np.stack(
@@ -198,7 +197,7 @@ def harmonics(d: Floats) -> Floats:
     )
 
 
-def _irradiance(colors: NDArray[Any], axes: tuple[Floats, Floats, Floats]) -> Floats:
+def _irradiance(colors: NDArray[Any], axes: tuple[Doubles, Doubles, Doubles]) -> Doubles:
     """Return the irradiance of a surface as a function of its world normal: nine spherical harmonics times RGB, (27,).
 
     colors : (h, w, 3), equirectangular image of radiance

@@ -21,8 +21,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..base.arrays import Doubles, Floats
 from ..engine.jit import Table
 from .harmonics import BAND_0, BAND_1, BAND_2, BAND_2_CROSS
 
@@ -34,17 +34,16 @@ NOISE = 0.02
 LEVEL = 100.0  # variance of the level, relative to that of the deviations
 GRAZING = 1e-4  # 1 - n.r of the last column, where n and r still span a plane
 
-Floats = NDArray[np.float64]
 PHONG_LOBES, FACETS = 0, 1  # kinds of lobes
 
 
-def exponents() -> Floats:
+def exponents() -> Doubles:
     """Return the exponents of glossy lobes for which coefficients are tabulated, (ROWS,), increasing from 0."""
     u = np.linspace(0.0, LAST, ROWS)
     return np.asarray(HALFWAY * u / (1.0 - u))
 
 
-def phong_lobes(w: Floats, cosine: Floats, exponent: float) -> Floats:
+def phong_lobes(w: Doubles, cosine: Doubles, exponent: float) -> Doubles:
     """Evaluate Phong's lobe times the cosine to the normal, (n, k), for n light directions and k mirrored directions.
 
     w : (n, 3), unit light directions, z along the normal; cosine : (k,), of the mirrored directions to the normal
@@ -55,7 +54,7 @@ def phong_lobes(w: Floats, cosine: Floats, exponent: float) -> Floats:
     return np.asarray((exponent + 2.0) / (2.0 * math.pi) * lobe * w[:, 2:])
 
 
-def facet_lobes(w: Floats, cosine: Floats, exponent: float) -> Floats:
+def facet_lobes(w: Doubles, cosine: Doubles, exponent: float) -> Doubles:
     """Evaluate GGX without Fresnel times the cosine to the normal, (n, k), for n light and k eye directions.
 
     w : (n, 3), unit light directions, z along the normal; cosine : (k,), of the eye direction (and of its mirror image,
@@ -69,7 +68,7 @@ def facet_lobes(w: Floats, cosine: Floats, exponent: float) -> Floats:
     return np.asarray(0.5 * square / (math.pi * spread**2 * roots) * i)
 
 
-def _sums() -> tuple[Floats, Floats]:
+def _sums() -> tuple[Doubles, Doubles]:
     """Return directions and weights for integrals over half of the hemisphere: (n, 3) with y > 0, z up, and (n,).
 
     They are ordered by elevation, and denser at the horizon.
@@ -82,7 +81,7 @@ def _sums() -> tuple[Floats, Floats]:
     return w, np.repeat(weights * u * 2.0 * math.pi / TURNS, TURNS)
 
 
-def _moments(w: Floats) -> tuple[Floats, Floats, Floats]:
+def _moments(w: Doubles) -> tuple[Doubles, Doubles, Doubles]:
     """Return the real spherical harmonics up to band 2 that are even in y, at directions w, (n, 3).
 
     They are grouped by azimuthal order 0, 1 and 2: arrays (3, n), (2, n) and (1, n).
@@ -116,7 +115,7 @@ class _Estimate:
             self._with_lobes.append(of_field)
             self._with_each.append(of_field @ weighted.T + np.diag(uncertain))
 
-    def __call__(self, lobes: Floats, colors: bool) -> list[Floats]:
+    def __call__(self, lobes: Doubles, colors: bool) -> list[Doubles]:
         """Return the coefficients of harmonics of arriving light whose sum estimates what each of k lobes reflects.
 
         lobes : (n, k), lobes at the quadrature directions, times their weights
@@ -134,7 +133,7 @@ class _Estimate:
         ]
 
 
-def make_table() -> NDArray[np.float32]:
+def make_table() -> Floats:
     """Compute the coefficients from which a glossy lobe's reflection of baked light is estimated.
 
     Entries of NUMBERS coefficients are ordered by kind of lobe (Phong, facets), exponent, and cosine of normal and
@@ -166,7 +165,7 @@ def make_table() -> NDArray[np.float32]:
     return np.stack(numbers, axis=-1).astype(np.float32).reshape(-1)
 
 
-def facet_shares() -> NDArray[np.float32]:
+def facet_shares() -> Floats:
     """Compute the albedo of GGX facets without Fresnel loss, (ROWS * COLUMNS,) float32.
 
     Rows are uniform steps of the roughness alpha from 0 to 1, columns uniform steps of the cosine of eye and normal.

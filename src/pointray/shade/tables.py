@@ -9,13 +9,11 @@ lamp is close. The mixture is within 1.4 of the better one, which is a bound.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..base.arrays import Doubles, Rows
 from ..engine.kernels import records as rec
 from ..engine.kernels.records import LightTree
 from ..surface.tree.instance_bvh import build_top
-
-Floats = NDArray[np.float64]
 
 FEW_LIGHTS = 8  # up to this number the choice is uniform
 EVEN = 0.5  # weight of the uniform choice with more lights
@@ -25,7 +23,7 @@ FAR = 1e30  # limit of box coordinates
 EVEN_SKY = np.pi * 0.282095  # first harmonic of the irradiance, divided by the integral of the radiance
 
 
-def light_shares(lights: Floats, sky: Floats, sky_mean: Floats, bounds: Floats) -> Floats:
+def light_shares(lights: Doubles, sky: Doubles, sky_mean: Doubles, bounds: Doubles) -> Doubles:
     """Return the cumulative distribution by which paths choose a light, roughly by emitted power.
 
     Parameters
@@ -62,7 +60,7 @@ def light_shares(lights: Floats, sky: Floats, sky_mean: Floats, bounds: Floats) 
     return np.asarray(running / running[-1])
 
 
-def light_trees(lights: Floats) -> tuple[LightTree, LightTree]:
+def light_trees(lights: Doubles) -> tuple[LightTree, LightTree]:
     """Build trees over the lights that rays can hit: (area lights by their world boxes, suns with a disk by direction).
 
     lights : (n * 18,) float64, records of the lights, see `records.LIGHT`
@@ -74,7 +72,7 @@ def light_trees(lights: Floats) -> tuple[LightTree, LightTree]:
     return _tree(_boxes(records[sized]), sized), _tree(_caps(records[disks]), disks)
 
 
-def _brightest(colors: Floats) -> Floats:
+def _brightest(colors: Doubles) -> Doubles:
     return np.asarray(colors.max(axis=-1))
 
 
@@ -82,7 +80,7 @@ def _disk(radius: float) -> float:
     return float(np.pi * radius * radius)
 
 
-def _powers(records: Floats, radius: float) -> Floats:
+def _powers(records: Doubles, radius: float) -> Doubles:
     """Return the power of each light, W, in its brightest channel, (n,).
 
     records : (n, 18), see `records.LIGHT`; radius : of a disk around the scene, through which the flux of suns is
@@ -95,7 +93,7 @@ def _powers(records: Floats, radius: float) -> Floats:
         return np.asarray(np.where(power > 0, np.nan_to_num(factor * power, nan=np.inf), 0.0))
 
 
-def _radius(records: Floats, bounds: Floats) -> float:
+def _radius(records: Doubles, bounds: Doubles) -> float:
     """Return half the diagonal of the box around all models and lights with a position; 1 if that is zero.
 
     records : (n, 18), see `records.LIGHT`; bounds : (2, 3), of the models
@@ -107,7 +105,7 @@ def _radius(records: Floats, bounds: Floats) -> float:
     return radius if 0.0 < radius < np.inf else 1.0
 
 
-def _boxes(records: Floats) -> Floats:
+def _boxes(records: Doubles) -> Doubles:
     """Return the world bounds of lights with a position, (n, 6): lo x y z, hi x y z.
 
     records : (n, 18), see `records.LIGHT`
@@ -124,7 +122,7 @@ def _boxes(records: Floats) -> Floats:
         return np.asarray(np.clip(np.concatenate([center - aside, center + aside], axis=1), -FAR, FAR))
 
 
-def _caps(records: Floats) -> Floats:
+def _caps(records: Doubles) -> Doubles:
     """Return boxes around the disks of suns as parts of the unit sphere, (n, 6): lo x y z, hi x y z.
 
     records : (n, 18), see `records.LIGHT`
@@ -139,7 +137,7 @@ def _caps(records: Floats) -> Floats:
     return np.asarray(np.concatenate([low - PAD, high + PAD], axis=1))
 
 
-def _tree(boxes: Floats, numbers: NDArray[np.int64]) -> LightTree:
+def _tree(boxes: Doubles, numbers: Rows) -> LightTree:
     """Build a tree over lights for traversal without a stack: entries in depth-first order, with skip indices.
 
     boxes : (n, 6), lo x y z, hi x y z; numbers : (n,), indices of the lights in `World.lights`

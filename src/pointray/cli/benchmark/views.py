@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
+from ...base.arrays import Doubles
 from ...cloud.points import Points
 from ...rendering.camera import Camera
 from ...scene.scene import Scene
@@ -15,10 +15,8 @@ TALL = 0.9  # share of the image's height that the silhouette spans in the far v
 FULL = 0.95  # smallest share of pixels that hit in the near view
 COARSE = 128  # size in pixels of the images that determine the near view
 
-Floats = NDArray[np.float64]
 
-
-def far_view(points: Points, bounds: Floats, size: tuple[int, int]) -> Camera:
+def far_view(points: Points, bounds: Doubles, size: tuple[int, int]) -> Camera:
     """Return a camera that shows the whole model, its silhouette spanning 90% of the image's height.
 
     If the silhouette is too wide for that, it spans 90% of the width. bounds : (2, 3), minimum and maximum

@@ -12,6 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Floats, Rows
 from ...engine.jit import Array, borrow, f32, f64, inline, kernel, next_tile, routine, run
 from ...engine.simd import (
     F16,
@@ -34,8 +35,6 @@ from ..normals.jets import fit_residuals
 from . import candidates
 from .candidates import Neighbors
 from .solids import choose_third, choose_two, score
-
-Floats = NDArray[np.float32]
 
 MODEL = 14  # floats of a crease: number of planes, 0 for none; three planes; its weight relative to others
 CUT = 3.0  # standard deviations beyond which a neighbour belongs to no plane
@@ -235,7 +234,7 @@ def _fit(work: Array, positions: Array, rows: Array, near: Array, errors: Array,
         tile = next_tile(work)
 
 
-def fit_creases(positions: Floats, rows: NDArray[np.int64], near: NDArray[np.int32], errors: Floats) -> Floats:
+def fit_creases(positions: Floats, rows: Rows, near: NDArray[np.int32], errors: Floats) -> Floats:
     """Fit two or three planes that meet in an edge or a corner to the neighbours of points on which no quadric fits.
 
     Returns (m, 14) float32: number of planes; for each of three planes x, y, z of its normal, and its offset for

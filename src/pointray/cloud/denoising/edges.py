@@ -15,12 +15,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Floats, Rows
 from ...engine.jit import Array, borrow, f64, inline, kernel, next_tile, routine, run
 from ...engine.kernels.vec import Vec3
 from ..neighbors import NeighborTree
 from .creases import MODEL, fit_creases
-
-Floats = NDArray[np.float32]
 
 ROUNDING = 0.7  # radius of edges, in spacings
 MUCH = 0.4  # noise in spacings above which creases cannot be told from noise
@@ -168,15 +167,13 @@ class Edges:
 
     def __init__(self, positions: Floats) -> None:
         self._positions = positions
-        self._rows: list[NDArray[np.int64]] = []
+        self._rows: list[Rows] = []
         self._spacing: list[Floats] = []
-        self._fitted_rows: list[NDArray[np.int64]] = []
+        self._fitted_rows: list[Rows] = []
         self._models: list[Floats] = []
         self._errors: list[Floats] = []
 
-    def add(
-        self, rows: NDArray[np.int64], near: NDArray[np.int32], noise: Floats, errors: Floats, spacing: Floats
-    ) -> None:
+    def add(self, rows: Rows, near: NDArray[np.int32], noise: Floats, errors: Floats, spacing: Floats) -> None:
         """Collect those of some rows that a quadric does not fit, and fit planes at the worst of them.
 
         rows : (m,) the rows, one part of all
@@ -197,7 +194,7 @@ class Edges:
         self._models.append(models[found])
         self._errors.append(known[found])
 
-    def find_moves(self, normals: Floats) -> tuple[NDArray[np.int64], Floats, Floats]:
+    def find_moves(self, normals: Floats) -> tuple[Rows, Floats, Floats]:
         """Compute how the collected points near edges move onto them, rounded; call it once after all parts are added.
 
         Returns (r,) rows near edges; (r, 3) moves from their positions; (r, 3) unit normals there.
@@ -220,7 +217,7 @@ class Edges:
         some = out[:, 6] > 0
         return rows[some], out[some, :3], out[some, 3:6]
 
-    def _widen(self, fitted_rows: NDArray[np.int64], models: Floats) -> None:
+    def _widen(self, fitted_rows: Rows, models: Floats) -> None:
         """Fit the planes again, to 128 neighbours, and keep the new ones where they fit well; in place.
 
         fitted_rows : (c,) rows at which planes were fitted

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Floats, Rows
 from ...engine.jit import Array, borrow, f32, f64, inline, kernel, next_tile, routine, run
 from ...engine.simd import INF, ONE, Mask, bits, broadcast16, load16, select, store, vmax, vsqrt
 from ..normals.fit_batch import LANES, FitBatch16, inner, load_place, load_point, new_fit_batch, zeros
 from ..normals.jet import AXIS, HEIGHT, LINE, NORMAL, RESIDUAL, SLIM, SLIM_VARIANCE, SLOPE, SPREAD, jet, take_triple
-
-Floats = NDArray[np.float32]
 
 SIZES = 16, 32, 64, 128  # neighbourhood sizes to choose from, including the point itself
 # Mean square of residuals that noise alone leaves, and the weight of the excess, which is detail. Intersecting
@@ -144,7 +143,7 @@ def _take(mask: Mask, results: Array, found: Array) -> None:
 
 
 def fit_surface(
-    positions: Floats, rows: NDArray[np.int64], near: NDArray[np.int32], normals: Floats | None, noise: Floats
+    positions: Floats, rows: Rows, near: NDArray[np.int32], normals: Floats | None, noise: Floats
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Fit a quadric to the neighbours of each row, as many as its noise requires and the shape allows.
 

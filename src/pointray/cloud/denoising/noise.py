@@ -15,10 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Doubles, Floats, Rows
 from ..neighbors import NeighborTree
 from ..normals.jets import fit_residuals
-
-Floats = NDArray[np.float32]
 
 FEW, MANY, MOST = 16, 32, 64  # neighbours of the fits; the larger ones are used where there is much noise
 MUCH, MORE = 0.12, 5.0  # squared spacings from which they are used, and how much larger their result may be
@@ -48,12 +47,12 @@ class NoiseRanges(NamedTuple):
     spacing : (m,) float64, square root of the area per point
     """
 
-    places: NDArray[np.int64]
+    places: Rows
     middles: Floats
-    noise: NDArray[np.float64]
-    spacing: NDArray[np.float64]
+    noise: Doubles
+    spacing: Doubles
 
-    def interpolate(self, rows: NDArray[np.int64]) -> tuple[Floats, Floats]:
+    def interpolate(self, rows: Rows) -> tuple[Floats, Floats]:
         """Return noise and spacing, (n,) float32 each, at rows of the kd order, interpolated between ranges.
 
         rows : (n,) numbers in the kd order of the whole cloud
@@ -109,11 +108,11 @@ def raise_to_typical(ranges: NoiseRanges) -> NoiseRanges:
 
 def _residuals(
     ordered: Floats,
-    rows: NDArray[np.int64],
+    rows: Rows,
     near: NDArray[np.int32],
     ranges: list[slice],
-    spacing: NDArray[np.float64],
-) -> NDArray[np.float64]:
+    spacing: Doubles,
+) -> Doubles:
     """Estimate the squared noise of each range, (r,), from residuals of quadrics through 16, 32 and 64 neighbours.
 
     ordered : (n, 3) positions in kd order
@@ -127,7 +126,7 @@ def _residuals(
     return np.where(little > MUCH * spacing**2, np.maximum(little, np.minimum(much, MORE * little)), little)
 
 
-def _around(middles: Floats, noise: NDArray[np.float64]) -> NDArray[np.float64]:
+def _around(middles: Floats, noise: Doubles) -> Doubles:
     """Return the noise typical of the ranges around each one, (r,), in spacings; 0 where it is below half a spacing.
 
     middles : (r, 3) positions of the ranges; noise : (r,) noise of each, in spacings
@@ -137,7 +136,7 @@ def _around(middles: Floats, noise: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(typical > LOUD, typical, 0.0)
 
 
-def _quantiles(values: NDArray[np.float64], ranges: list[slice], q: float = 0.5) -> NDArray[np.float64]:
+def _quantiles(values: Doubles, ranges: list[slice], q: float = 0.5) -> Doubles:
     """Return the quantile `q` of the values in each range, not below zero; zero where at most a quarter are finite."""
     parts = [values[span] for span in ranges]
     known = [part[np.isfinite(part)] for part in parts]
@@ -149,7 +148,7 @@ def _quantiles(values: NDArray[np.float64], ranges: list[slice], q: float = 0.5)
     )
 
 
-def _heights(ordered: Floats, normals: Floats, rows: NDArray[np.int64], near: NDArray[np.int32]) -> NDArray[np.float64]:
+def _heights(ordered: Floats, normals: Floats, rows: Rows, near: NDArray[np.int32]) -> Doubles:
     """Estimate the squared noise at some rows, (m,), from neighbours with similar normals; NaN without any.
 
     Half the mean squared height of neighbours above the mean of the two tangent planes, less what curvature explains.

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.arguments import check_callback, check_kind, check_number
+from ...base.arrays import Flags, Floats, Rows
 from ...base.progress import Progress, StageProgress, in_stage, part_of, report_progress
 from ..kd_ordering import KdOrdering, compute_kd_ordering
 from ..neighbors import neighbor_chunks, take
@@ -20,8 +21,6 @@ from ..statistics import CloudStatistics
 from .edges import Edges
 from .fit import SIZES, fit_surface
 from .noise import LITTLE, NoiseRanges, measure_ranges, raise_to_typical
-
-Floats = NDArray[np.float32]
 
 MOVES = 0.09  # noise in spacings from which points move all the way
 FEWER, MUCH = 64, 0.6  # neighbours; noise in spacings above which 128 are used, in twice the time, and no edges
@@ -96,7 +95,7 @@ class Placed(NamedTuple):
     order: NDArray[np.integer[Any]] | None = None
     apart: bool = False
 
-    def select(self, mask: NDArray[np.bool_]) -> Placed:
+    def select(self, mask: Flags) -> Placed:
         """Return the points where the mask, (n,) bool, is true, with their noise and kd order."""
         order = self.order
         if order is not None:
@@ -259,7 +258,7 @@ def noise_of(ordered: Floats, sigma: str | float, normals: Floats | None = None)
     return noise_by(raise_to_typical(measure_ranges(ordered, normals)), np.arange(len(ordered)))
 
 
-def noise_by(ranges: NoiseRanges, rows: NDArray[np.int64]) -> Noise:
+def noise_by(ranges: NoiseRanges, rows: Rows) -> Noise:
     """Return the noise of some rows of a cloud's kd order, interpolated between the ranges it was measured in.
 
     ranges : all ranges of the cloud
@@ -272,7 +271,7 @@ def noise_by(ranges: NoiseRanges, rows: NDArray[np.int64]) -> Noise:
 
 
 def _shares(
-    ordered: Floats, rows: NDArray[np.int64], near: NDArray[np.int32], noise: Floats, sigma: str | float
+    ordered: Floats, rows: Rows, near: NDArray[np.int32], noise: Floats, sigma: str | float
 ) -> tuple[Floats, Floats]:
     """Return the fraction of its move onto the fitted surface that each point makes, (m, 1), and the spacing, (m,).
 
@@ -290,7 +289,7 @@ def _shares(
     return np.clip(share, 0.0, 1.0).astype(np.float32)[:, None], spacing
 
 
-def _whole_vectors(needed: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+def _whole_vectors(needed: Flags) -> tuple[Rows, Flags]:
     """Return the rows of all groups of 16 that contain wanted ones, (r,) int64, and which are wanted, (r,) bool.
 
     Points fitted in the same vector of 16 affect each other's last bits. Whole vectors are fitted, so that they are the

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Floats, Rows
 from ...base.progress import Progress, part_of, report_progress
 from ...engine.jit import Array, i64, inline, kernel, next_tile, run, thread_count, uncompiled
 from .order import first_part
@@ -25,8 +26,6 @@ ZERO = 1 << 31  # the key of 0
 ROOM = 1 << 28  # bytes of the counts: limits the number of threads that count separately
 LOOKS = 0.4, 0.8  # progress of a level after its upper digits, and after its lower digits
 
-Floats = NDArray[np.float32]
-Whole = NDArray[np.int64]
 Chunks = Callable[[], Iterable[Floats]]
 
 
@@ -39,12 +38,12 @@ class Cuts(NamedTuple):
     children : (m, 2) int64, another node, or ~part for a leaf
     """
 
-    axes: Whole
-    keys: Whole
-    ties: Whole
-    children: Whole
+    axes: Rows
+    keys: Rows
+    ties: Rows
+    children: Rows
 
-    def parts_of(self, positions: Floats, row: int) -> Whole:
+    def parts_of(self, positions: Floats, row: int) -> Rows:
         """Return the number of the part that each position belongs to, (m,).
 
         positions : (m, 3) float32, the rows of the cloud from `row` on
@@ -218,7 +217,7 @@ class _Cloud(NamedTuple):
     chunks: Chunks
     points: int
     cuts: Cuts
-    slots: Whole
+    slots: Rows
 
     def read(self, look: Callable[[NDArray[np.int32], int], Any], progress: Progress | None) -> None:
         """Read all points once: call `look` with the coordinates' bits (int32) and the first row of each chunk."""
@@ -231,7 +230,7 @@ class _Cloud(NamedTuple):
             raise ValueError(f"{row:,} points were read where {self.points:,} were expected")
 
 
-def _cut(cloud: _Cloud, sizes: Whole, progress: Progress | None) -> tuple[Whole, Whole, Whole]:
+def _cut(cloud: _Cloud, sizes: Rows, progress: Progress | None) -> tuple[Rows, Rows, Rows]:
     """Find where to split each range of points: return (spans,) split axes, keys of the split coordinates, and rows.
 
     Keys are integers that sort like coordinates. A point exactly at the split coordinate belongs to the first half if
@@ -259,7 +258,7 @@ def _cut(cloud: _Cloud, sizes: Whole, progress: Progress | None) -> tuple[Whole,
     return axes, keys, ties
 
 
-def _digits_at(counts: NDArray[np.int32], ranks: Whole) -> tuple[Whole, Whole]:
+def _digits_at(counts: NDArray[np.int32], ranks: Rows) -> tuple[Rows, Rows]:
     """Return which 16-bit digit the point of a given rank has in each range, and how many points have lower digits.
 
     counts : (tiles, spans, 2^16) how often each digit occurs
@@ -271,7 +270,7 @@ def _digits_at(counts: NDArray[np.int32], ranks: Whole) -> tuple[Whole, Whole]:
     return digits, before
 
 
-def _values_of(keys: Whole) -> Floats:
+def _values_of(keys: Rows) -> Floats:
     """Decode keys, integers that sort like float32 coordinates, to these coordinates."""
     return np.where(keys >= ZERO, keys - ZERO, -keys).astype(np.int32).view(np.float32)
 

@@ -5,13 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...base.arrays import Floats, Indices
 from ...engine.jit import Array, borrow, f64, i64, inline, kernel
 from ...engine.simd import float_bits, prefetch
-
-Floats = NDArray[np.float32]
-Rows = NDArray[np.int32]
 
 ROOM = 2  # table entries per point, at least
 AHEAD = 16  # points whose entries are prefetched: saves a tenth of the time, 10 M points
@@ -75,7 +72,7 @@ def _number(positions: Array, cell: float, table: Array, rows: Array, ids: Array
     return count
 
 
-def distinct(positions: Floats, cell: float = 0.0) -> tuple[Rows, Rows]:
+def distinct(positions: Floats, cell: float = 0.0) -> tuple[Indices, Indices]:
     """Find which positions are distinct, and to which of these each row belongs.
 
     Parameters

@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Floats
 from ...engine.jit import Array, borrow, f64, i64, inline, kernel, next_tile, run
 from . import distinct, neighbors
 
-Floats = NDArray[np.float32]
 Rows = NDArray[np.integer[Any]]
 
 FEW = 500_000  # smaller clouds are searched completely

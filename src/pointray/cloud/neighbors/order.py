@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Floats, Rows
 from ...engine.jit import Array, borrow, cancelled, f32, inline, kernel, next_tile, run
 from ...engine.simd import INF, broadcast16, lane, load4, load16, store, vmax, vmin
 
@@ -24,8 +25,6 @@ SAMPLE = 32  # rows sampled for the pivot of a span
 MANY = 4 * SAMPLE  # spans with fewer rows are not sampled
 DEPTH = 64  # depth of the stack of spans
 NUMBER = 3  # column of a point's number; the bits of numbers below 2^31 - 2^23 compare alike as float32
-
-Floats = NDArray[np.float32]
 
 
 @inline
@@ -210,7 +209,7 @@ def sort_rows(rows: Floats, threads: int | None = None) -> None:
     run(_cut, -(-n // length), flat, _spans(n, length), LEAF, threads=threads)
 
 
-def _spans(n: int, length: int) -> NDArray[np.int64]:
+def _spans(n: int, length: int) -> Rows:
     starts = np.arange(0, n, length)
     return np.stack([starts, np.minimum(starts + length, n)], axis=1)
 

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Floats, Rows
 from ...engine.jit import Array, borrow, i64, kernel, next_tile, run
 from ...engine.simd import INF, load16, reduce_max, reduce_min
 from .order import kd_order
@@ -19,8 +20,6 @@ LANES = 16  # points of a block, children of a node
 BLOCK = 3 * LANES  # float32 of a block: x, y, z of its points; infinite for unused slots
 NODE = 6 * LANES  # float32 of a node: the minimum x, y, z of its children, then the maximum; inverted for unused slots
 CHUNK = 256  # nodes that a thread fills at a time
-
-Floats = NDArray[np.float32]
 
 
 class Blocks(NamedTuple):
@@ -45,7 +44,7 @@ class Boxes(NamedTuple):
     """
 
     nodes: Floats
-    starts: NDArray[np.int64]
+    starts: Rows
 
 
 @kernel

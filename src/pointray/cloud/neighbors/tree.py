@@ -6,15 +6,12 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...base.arrays import Floats, Indices
 from ...base.progress import Progress, part_of, report_progress
 from ...engine.jit import run
 from .search import CHUNK, find_nearest
 from .sites import LANES, Blocks, Boxes, make_blocks, make_boxes, scale_of
-
-Floats = NDArray[np.float32]
-Indices = NDArray[np.int32]
 
 TREE = 0.3  # share of the time for building the tree, if 20 neighbours are searched
 ROWS = 1 << 16  # rows per chunk

@@ -10,9 +10,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.arguments import check_kind
+from ...base.arrays import Doubles, Floats
 from ..neighbors.few_queries import Neighborhoods, find_neighborhoods
 from ..points import Points
 from ..rounding import find_rounding
@@ -25,8 +25,6 @@ SIZES = (12, 16, 32, 64)  # neighbourhood sizes to choose from
 LOCAL = 16  # least number of points, over a neighbourhood's: planes through a whole torus are off by 24 degrees
 STEPS = 2.0  # rounding steps that a plane must span: otherwise its points may all lie on one step
 SLIM = 0.05  # ratio of the plane's variances below which its points lie on a line
-
-Floats = NDArray[np.float64]
 
 
 class NormalsCheck(NamedTuple):
@@ -101,9 +99,7 @@ def compare_normals(points: Points, step: float) -> NormalsCheck:
     return NormalsCheck(angle, angle is not None and angle > WRONG)
 
 
-def _median_angle(
-    positions: NDArray[np.float32], normals: NDArray[np.float32], near: Neighborhoods, least: float
-) -> float | None:
+def _median_angle(positions: Floats, normals: Floats, near: Neighborhoods, least: float) -> float | None:
     """Return the median angle in degrees between normals and the planes fitted there; None if too few are reliable.
 
     positions, normals : (n, 3)
@@ -123,7 +119,7 @@ def _median_angle(
     return float(np.median(angle[sure])) if sure.mean() >= ENOUGH[0] and sure.sum() >= ENOUGH[1] else None
 
 
-def _compare(offsets: Floats, unit: Floats, least: float) -> tuple[Floats, Floats]:
+def _compare(offsets: Doubles, unit: Doubles, least: float) -> tuple[Doubles, Doubles]:
     """Fit planes to neighbourhoods; return how far mean normals deviate from them, and how uncertain the planes are.
 
     Parameters

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Floats, Rows
 from ...engine.jit import Array, kernel
 from ..neighbors import distinct, kd_order, neighbors
-
-Floats = NDArray[np.float32]
 
 ACROSS = 0.1  # sine of the angle at which a point lies off another's tangent plane
 OPPOSITE = -0.5  # cosine below which two normals face opposite sides
@@ -42,7 +41,7 @@ def _count_disagreements(positions: Array, normals: Array, rows: Array, near: Ar
     return level + 2 * min(before, behind)
 
 
-def sample_rows(count: int) -> NDArray[np.int64]:
+def sample_rows(count: int) -> Rows:
     """Return places in a kd order that represent all `count` points: evenly spaced ranges, or all if there are few."""
     if count <= RUNS * RUN:
         return np.arange(count)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...base.arguments import check_callback, check_kind, check_whole
+from ...base.arrays import Doubles, Flags, Floats, Rows
 from ...base.progress import Progress, StageProgress, in_stage, part_of, report_progress
 from ..kd_ordering import KdOrdering, compute_kd_ordering
 from ..neighbors import distinct, neighbor_chunks, neighbors
@@ -30,7 +31,6 @@ DISAGREE = 0.05  # share of neighbours on opposite sides above which signs are r
 
 FITTED, ORIENTED = 0.7, 0.8  # progress after fitting and after orienting
 
-Floats = NDArray[np.float32]
 Fitting = Callable[[Floats, int, Floats | None, Progress | None, Planes | None], Fits]  # see `fit_normals`
 
 
@@ -143,7 +143,7 @@ def with_fits(
     return points.changed(positions=positions, normals=normals), ordering.spread(found.noise, points)
 
 
-def _stations_of(points: Points) -> NDArray[np.float64] | None:
+def _stations_of(points: Points) -> Doubles | None:
     """Return the scanner position that saw each point, world, (n, 3) or (3,); None if unknown; warn of wrong positions.
 
     A position is ignored if its points cannot have been seen from it. Rows without a position are NaN.
@@ -153,7 +153,7 @@ def _stations_of(points: Points) -> NDArray[np.float64] | None:
     return stations.eyes_of(points, ignored)
 
 
-def seen_from(points: Points, eyes: NDArray[np.float64], rows: NDArray[np.int32]) -> Floats:
+def seen_from(points: Points, eyes: Doubles, rows: NDArray[np.int32]) -> Floats:
     """Return the scanner positions of some rows of points, (m, 3) float32, relative to the points' origin.
 
     eyes : (3,) or (n, 3) world position of the scanner that saw each point, NaN where unknown
@@ -221,12 +221,12 @@ class RepairedNormals(NamedTuple):
     """
 
     unit: Floats
-    sound: NDArray[np.bool_]
+    sound: Flags
     lost: int
     odd: int
 
 
-def normalize_normals(points: Points, counted: NDArray[np.int64] | None = None) -> RepairedNormals | None:
+def normalize_normals(points: Points, counted: Rows | None = None) -> RepairedNormals | None:
     """Return the normals of points at unit length, missing ones interpolated from the nearest; None if none is valid.
 
     counted : rows among which missing normals, and those not of unit length, are counted. None: all
@@ -262,7 +262,7 @@ def describe_repairs(lost: int, odd: int, total: int) -> list[str]:
     return messages
 
 
-def _odd_lengths(length: NDArray[np.float64]) -> int:
+def _odd_lengths(length: Doubles) -> int:
     """Return how many lengths of normals differ from 1 by more than 1%; 0 if all are equal, as in a scaled model."""
     if not len(length) or length.max() - length.min() <= UNIT * length.min():  # the usual case
         return 0
@@ -272,7 +272,7 @@ def _odd_lengths(length: NDArray[np.float64]) -> int:
     return int((np.abs(length - 1) > UNIT).sum())
 
 
-def _reorient(points: Points, unit: Floats, eyes: NDArray[np.float64] | None, ordering: KdOrdering | None) -> Floats:
+def _reorient(points: Points, unit: Floats, eyes: Doubles | None, ordering: KdOrdering | None) -> Floats:
     """Return normals with the same directions and recomputed signs, (n, 3).
 
     unit : (n, 3) unit normals
@@ -300,7 +300,7 @@ def _reorient(points: Points, unit: Floats, eyes: NDArray[np.float64] | None, or
     return out
 
 
-def _mean_of_nearest(positions: Floats, unit: Floats, good: NDArray[Any], lost: NDArray[np.bool_]) -> Floats:
+def _mean_of_nearest(positions: Floats, unit: Floats, good: NDArray[Any], lost: Flags) -> Floats:
     good = good[distinct(positions[good])[0]]  # a thousand equal positions make the search very slow
     _, near = neighbors(positions[good], REPLACEMENTS, positions[lost])
     nearest = unit[good][near]

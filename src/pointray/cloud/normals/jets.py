@@ -15,6 +15,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Doubles, Flags, Floats, Rows
 from ...base.progress import Progress, part_of, report_progress
 from ...engine.jit import Array, borrow, f32, kernel, next_tile, routine, run
 from ...engine.simd import INF, ONE, broadcast16, load16, select, store, vmax
@@ -22,8 +23,6 @@ from ..neighbors import NeighborTree, neighbor_chunks
 from ..statistics import CloudStatistics
 from .fit_batch import LANES, FitBatch16, load_point, new_fit_batch, zeros
 from .jet import AXIS, LINE, NORMAL, RESIDUAL, SLIM, SLIM_VARIANCE, SLOPE, jet, take_triple
-
-Floats = NDArray[np.float32]
 
 SIZES = (10, 16, 32, 64)  # neighbourhood sizes to choose from, including the point itself
 CLEAN = 0.01  # noise in spacings below which 16 neighbours are enough
@@ -104,14 +103,14 @@ def _fit(
 
 
 def _fit_rows(
-    positions: Floats, rows: NDArray[np.int64], near: NDArray[np.int32], sizes: list[int], noise: float
+    positions: Floats, rows: Rows, near: NDArray[np.int32], sizes: list[int], noise: float
 ) -> tuple[Floats, Floats]:
     out, residuals = np.empty((len(rows), 6), np.float32), np.empty(len(rows), np.float32)
     run(_fit, -(-len(rows) // CHUNK), positions, rows, near, np.array(sizes), noise, out, residuals)
     return out, residuals
 
 
-def fit_residuals(positions: Floats, rows: NDArray[np.int64], near: NDArray[np.int32], k: int) -> NDArray[np.float64]:
+def fit_residuals(positions: Floats, rows: Rows, near: NDArray[np.int32], k: int) -> Doubles:
     """Return RMS residuals of quadrics fitted to k neighbours, (m,), in the points' unit; NaN for points on a line.
 
     positions, rows : (n, 3) points, and (m,) the rows to fit
@@ -140,7 +139,7 @@ def measure_noise(positions: Floats, statistics: CloudStatistics | None = None) 
     return statistics.known.get("noise of fits", 0.0), int(statistics.known.get("points of fits", SIZES[1]))
 
 
-def _measure_noise(positions: Floats, rows: NDArray[np.int64]) -> tuple[float, int]:
+def _measure_noise(positions: Floats, rows: Rows) -> tuple[float, int]:
     """Estimate the noise, in spacings, by quadrics at some rows; return it, and how many neighbours fits need at most.
 
     positions : (n, 3) in kd order
@@ -193,7 +192,7 @@ class Planes(Protocol):
         """Receive the neighbours of some points: `found`, (m, k) rows, of the m points in the range `part`."""
 
 
-def faces(normals: Floats, planes: Floats, to_eye: Floats) -> NDArray[np.bool_]:
+def faces(normals: Floats, planes: Floats, to_eye: Floats) -> Flags:
     """Return which normals, (m,) bool, face the scanner; where they graze the view, planes through neighbours decide.
 
     With planes alone 3.0% of the normals of a layered wall faced away from its scanner, now 0.3%. Without planes 0.16%

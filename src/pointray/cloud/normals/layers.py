@@ -11,13 +11,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Floats
 from ...engine.jit import Array, borrow, kernel, next_tile, run
 from ...engine.simd import store
 from .axes import fit_plane
 from .fit_batch import LANES, inner, load_point, new_fit_batch
 from .jet import store_triple
-
-Floats = NDArray[np.float32]
 
 NOISY = 0.3  # noise in spacings from which planes are used: range scans 0.38 and 0.51, a layered wall 0.45, Lucy 0.1
 SIZE = 64  # points of a plane: with 32, one of four variants of propagation left 4% of the dragon's scans flipped

@@ -10,12 +10,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Floats
 from .joins import InMemoryVotes, join
 from .outward import inward_groups
 from .pieces import Signs, find_pieces
 from .votes import cast_votes
-
-Floats = NDArray[np.float32]
 
 NEAR = 11  # neighbours along which signs propagate, including the point itself: with 7, the dragon falls into 28 groups
 

@@ -8,12 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Doubles, Flags, Floats, Rows
 from ...engine.jit import Array, i64, kernel
 
-Floats = NDArray[np.float32]
-Doubles = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Whole = NDArray[np.int64]
 Groups = NDArray[np.int32]
 
 DIRECTIONS = 64  # directions in which the outermost points of a group vote
@@ -98,8 +95,8 @@ def take_sample(
     normals: Floats,
     signs: NDArray[np.int8],
     groups: Groups,
-    sizes: Whole,
-    earlier: Whole | None = None,
+    sizes: Rows,
+    earlier: Rows | None = None,
 ) -> Sample:
     """Select the points that decide whether groups of consistent normals face outward: each n-th of a large group.
 
@@ -124,7 +121,7 @@ def take_sample(
     return Sample(groups[rows], positions[rows], normals[rows] * signs[rows, None])
 
 
-def inward_of(samples: Sequence[Sample], sizes: Whole) -> Flags:
+def inward_of(samples: Sequence[Sample], sizes: Rows) -> Flags:
     """Return which groups of normals must be inverted, (g,) bool, since their outermost points face inward.
 
     The mean upward component counts as well: terrain has no outside.
@@ -152,7 +149,7 @@ def inward_of(samples: Sequence[Sample], sizes: Whole) -> Flags:
     return inward
 
 
-def _small_inward(positions: Floats, normals: Floats, points: Whole) -> Flags:
+def _small_inward(positions: Floats, normals: Floats, points: Rows) -> Flags:
     """Return which small groups of normals must be inverted, (g,) bool; as there are many, sums are computed at once.
 
     positions, normals : (s, 3) sorted by group

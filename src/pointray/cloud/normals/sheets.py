@@ -16,13 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Flags, Floats, Rows
 from ...engine.jit import Array, borrow, f64, kernel, next_tile, run
 from .agreement import agreement
 from .winding import Frame, Splats, Winding, spacings
-
-Floats = NDArray[np.float32]
-Rows = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 STEP = 1.5  # spacings in front and behind: without votes 482 rows of the dragon are flipped with 1, 453 with 1.5
 THICK = 0.1  # residual in spacings above which a point may be near two sheets, as may points on a line

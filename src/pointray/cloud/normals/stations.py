@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...base.arguments import check_numbers, vector
+from ...base.arrays import Doubles, Flags, Floats
 from ...base.warning_log import warn
 from ..georeference import SCAN
 from ..points import Points
@@ -16,13 +17,11 @@ from .orientation import agree
 from .outward import inward_groups
 from .visibility import ignored_stations
 
-Floats = NDArray[np.float32]
-
 CLOSE, FEW = 8, 100  # nearest points by which a viewpoint counts as among the points; fewer points decide nothing
 AMONG = 1.25  # largest ratio of the last one's distance from the viewpoint to that from the nearest point
 
 
-def eyes_of(points: Points, ignored: Sequence[int] | None = None) -> NDArray[np.float64] | None:
+def eyes_of(points: Points, ignored: Sequence[int] | None = None) -> Doubles | None:
     """Return the scanner position that saw each point: (n, 3) or (3,) float64, world; None if none is known.
 
     Rows of unknown scanners are NaN. The attribute "scan" holds the index of each point's station; a single station
@@ -44,7 +43,7 @@ def eyes_of(points: Points, ignored: Sequence[int] | None = None) -> NDArray[np.
     return eyes
 
 
-def check_eyes(viewpoint: ArrayLike, n: int) -> NDArray[np.float64]:
+def check_eyes(viewpoint: ArrayLike, n: int) -> Doubles:
     """Validate the scanner position, or those of n points, NaN where unknown; return them as (3,) or (n, 3) float64."""
     eyes = check_numbers(viewpoint, "viewpoint", "three numbers, or three for each point").astype(np.float64)
     if eyes.ndim != 2:
@@ -54,7 +53,7 @@ def check_eyes(viewpoint: ArrayLike, n: int) -> NDArray[np.float64]:
     return eyes
 
 
-def check_outside(positions: Floats, eye: NDArray[np.float64]) -> None:
+def check_outside(positions: Floats, eye: Doubles) -> None:
     """Raise a ValueError if a scanner position lies among the points, as if in a wall.
 
     Points exactly at that position do not count: scanners write lost returns there.
@@ -102,12 +101,12 @@ def warn_of_lost_scans(points: Points) -> None:
         )
 
 
-def is_known(eyes: NDArray[Any]) -> NDArray[np.bool_]:
+def is_known(eyes: NDArray[Any]) -> Flags:
     """Return which scanner positions, (n, 3), are known, (n,) bool: those that are finite."""
     return np.asarray(np.isfinite(eyes).all(axis=1))
 
 
-def faced(positions: Floats, normals: Floats, eyes: NDArray[Any]) -> NDArray[np.bool_]:
+def faced(positions: Floats, normals: Floats, eyes: NDArray[Any]) -> Flags:
     """Return which normals do not face away from the scanner, (n,) bool; true where its position is unknown.
 
     positions, normals, eyes : (n, 3) points, their normals, and the scanner position of each
@@ -115,7 +114,7 @@ def faced(positions: Floats, normals: Floats, eyes: NDArray[Any]) -> NDArray[np.
     return ~(np.einsum("ij,ij->i", normals, eyes - positions) < 0)
 
 
-def orient_unknown(positions: Floats, normals: Floats, near: NDArray[np.int32], known: NDArray[np.bool_]) -> None:
+def orient_unknown(positions: Floats, normals: Floats, near: NDArray[np.int32], known: Flags) -> None:
     """Turn normals of points whose scanner is unknown so that they agree with the others, in place.
 
     In each connected group the normals with known scanners vote; a group without any is turned outward, as by `orient`.

@@ -10,11 +10,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Doubles, Flags, Floats, Rows
 from ..georeference import SCAN
 from ..neighbors import distinct, neighbors
 from ..points import Points
-
-Floats = NDArray[np.float32]
 
 SAMPLE, MOST = 20_000, 60_000  # sampled points per station; in total
 FEW = 100  # stations with fewer pairs of points are accepted
@@ -42,7 +41,7 @@ def ignored_stations(points: Points) -> tuple[int, ...]:
     return tuple(k for k, eye in enumerate(stations) if hidden_share(some.positions[scans == k], eye) > HIDDEN)
 
 
-def station_sample(total: int, stations: int) -> NDArray[np.int64]:
+def station_sample(total: int, stations: int) -> Rows:
     """Return random rows of a cloud of `total` points, ascending, to test `stations` scanner positions with."""
     wanted = min(SAMPLE * stations, MOST)
     if total <= wanted:
@@ -50,7 +49,7 @@ def station_sample(total: int, stations: int) -> NDArray[np.int64]:
     return np.unique(np.random.default_rng(0).integers(0, total, wanted))
 
 
-def hidden_share(positions: Floats, eye: NDArray[np.float64]) -> float:
+def hidden_share(positions: Floats, eye: Doubles) -> float:
     """Return the share of pairs of points, in nearly one direction from a position, that are on different surfaces.
 
     A scanner sees one surface in each direction, so from its position the share is small. 0 if there are few pairs.
@@ -75,14 +74,14 @@ def hidden_share(positions: Floats, eye: NDArray[np.float64]) -> float:
     return float(apart[pairs].mean())
 
 
-def _are_smooth(groups: Floats) -> NDArray[np.bool_]:
+def _are_smooth(groups: Floats) -> Flags:
     """Return which groups of neighbouring points, (n, k, 3), lie near a plane or a line, (n,) bool."""
     offsets = groups.astype(np.float64) - groups.mean(axis=1, keepdims=True)
     values = np.linalg.eigvalsh(np.einsum("nki,nkj->nij", offsets, offsets))
     return np.asarray(values[:, 0] < FLAT * values[:, 1])
 
 
-def _nearest_in_direction(directions: NDArray[np.float64]) -> NDArray[np.int32]:
+def _nearest_in_direction(directions: Doubles) -> NDArray[np.int32]:
     """Return the row of the direction that is nearest to each one, other than itself, (n,).
 
     They are centred and scaled before the search: seen from afar, all may be close together.

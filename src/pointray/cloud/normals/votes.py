@@ -8,11 +8,10 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Floats, Rows
 from ...engine.jit import Array, borrow, i64, kernel, next_tile, run
 from .agreement import agreement
 
-Floats = NDArray[np.float32]
-Whole = NDArray[np.int64]
 Arrays: TypeAlias = tuple[Array, Array]
 
 CHUNK = 2048  # points whose edges a thread handles at a time
@@ -27,9 +26,9 @@ class Votes(NamedTuple):
     masses : (e,) int64, sums of absolute votes
     """
 
-    pairs: Whole
-    sums: Whole
-    masses: Whole
+    pairs: Rows
+    sums: Rows
+    masses: Rows
 
 
 @kernel
@@ -121,7 +120,7 @@ def sum_votes(votes: Sequence[Votes]) -> Votes:
     return _add_up(*(np.concatenate(arrays) for arrays in zip(*votes, strict=True)))
 
 
-def merge_votes(votes: Votes, number: Whole, sign: NDArray[np.int8]) -> Votes:
+def merge_votes(votes: Votes, number: Rows, sign: NDArray[np.int8]) -> Votes:
     """Return the votes between larger pieces (sets of points whose normals agree) that consist of the given ones.
 
     number : (p,) larger piece that each piece belongs to
@@ -134,7 +133,7 @@ def merge_votes(votes: Votes, number: Whole, sign: NDArray[np.int8]) -> Votes:
     return _add_up(pairs[outer], sums[outer], votes.masses[outer])
 
 
-def _add_up(pairs: Whole, sums: NDArray[Any], masses: NDArray[Any]) -> Votes:
+def _add_up(pairs: Rows, sums: NDArray[Any], masses: NDArray[Any]) -> Votes:
     """Sum up the votes of equal pairs of pieces (sets of points whose normals agree).
 
     pairs : (e,) 2^32 times the lower piece, plus the other one; in any order

@@ -14,10 +14,9 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Floats, Rows
 from ...engine.jit import Array, borrow, f32, f64, i64, inline, kernel, next_tile, run
 
-Floats = NDArray[np.float32]
-Rows = NDArray[np.int64]
 Arrays: TypeAlias = tuple[Array, ...]
 
 AREA = 8  # neighbour whose distance gives a point's area

@@ -10,17 +10,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...base.arrays import Flags, Floats, Rows
 from ...base.progress import Progress, report_progress
 from ...engine.jit import Array, borrow, kernel, next_tile, run
 from ...engine.kernels.vec import tangents
 from ..neighbors import NeighborTree
 from .fits import fit, new_memory
 from .local_fits import AROUND
-
-Floats = NDArray[np.float32]
-Rows = NDArray[np.int64]
 
 FAR, CLEAR, NEAR = 5.0, 3.2, 2.6  # distance in noises: certain; with most points on its side; beside such points
 # Less is enough by this factor of the noise, for noise of up to LITTLE spacings: of a layer 0.5 spacings off 93% are
@@ -187,7 +184,7 @@ def examine_rows(
     return out
 
 
-def join(tree: NeighborTree, positions: Floats, verdicts: Floats, details: Floats) -> NDArray[np.bool_]:
+def join(tree: NeighborTree, positions: Floats, verdicts: Floats, details: Floats) -> Flags:
     """Return which points are off their surface, (n,) bool: certain ones, and others next to these at the same height.
 
     tree, positions : search tree of the positions, (n, 3)

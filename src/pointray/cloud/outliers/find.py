@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...base.arguments import check_callback, check_kind
+from ...base.arrays import Doubles, Flags, Floats, Rows
 from ...base.progress import Progress, StageProgress, in_stage, part_of, report_progress
 from ...base.warning_log import warn
 from ..neighbors import distinct, kd_order
@@ -18,8 +19,6 @@ from .groups import find_floating, find_sparse
 from .layers import faces_back
 from .passes import merge_passes
 from .veils import find_veils
-
-Floats = NDArray[np.float32]
 
 CLASSIFIED = 0.6  # progress after strays are found, where passes are merged as well
 MOST_STATIONS = 64  # with more scanner positions, veils are not searched
@@ -46,13 +45,13 @@ class Strays(NamedTuple):
     0 strays
     """
 
-    layer: NDArray[np.bool_]
-    veil: NDArray[np.bool_]
-    floating: NDArray[np.bool_]
-    lone: NDArray[np.bool_]
+    layer: Flags
+    veil: Flags
+    floating: Flags
+    lone: Flags
 
     @property
-    def any(self) -> NDArray[np.bool_]:
+    def any(self) -> Flags:
         """Rows that are strays of any kind, (n,) bool."""
         return np.asarray(self.layer | self.veil | self.floating | self.lone)
 
@@ -187,9 +186,7 @@ def _classify(points: Points, viewpoint: ArrayLike | None, progress: Progress | 
     return Strays(*(np.ascontiguousarray(column) for column in kinds.T)), offset
 
 
-def _kinds(
-    points: Points, rows: NDArray[np.int64], eyes: NDArray[np.float64] | None, progress: Progress | None
-) -> tuple[NDArray[np.bool_], Floors]:
+def _kinds(points: Points, rows: Rows, eyes: Doubles | None, progress: Progress | None) -> tuple[Flags, Floors]:
     """Classify distinct positions as strays; return their kinds, (m, 4) bool, and the surface near each.
 
     The columns are: in a second layer, a mixed return, in a floating group, and isolated.
@@ -213,9 +210,7 @@ def _kinds(
     return np.stack([layer, veil, floating, isolated & ~(layer | veil | floating)], axis=1), floors
 
 
-def _veils(
-    points: Points, positions: Floats, core: Floats, rows: NDArray[np.int64], eyes: NDArray[np.float64] | None
-) -> NDArray[np.bool_]:
+def _veils(points: Points, positions: Floats, core: Floats, rows: Rows, eyes: Doubles | None) -> Flags:
     """Return which positions, (m,) bool, are mixed returns between foreground and background of their scanner.
 
     positions, core : (m, 3), and (m,) distance of each to its eighth neighbour

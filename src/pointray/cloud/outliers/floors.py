@@ -7,12 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Flags, Floats, Rows
 from ...base.progress import Progress, part_of
 from .examine import FAR, OFF, ROUGH, ROUGHLY, SPACINGS, examine_rows, join
 from .local_fits import GROUP, LocalSurfaceFits
-
-Floats = NDArray[np.float32]
-Rows = NDArray[np.int64]
 
 LEAST = 20  # with fewer points no floor is searched
 SUSPECT = 2.2  # distance from the fitted floor, in noises, above which a point is examined
@@ -33,11 +31,11 @@ class Floors(NamedTuple):
     near : (n, k) int32, its nearest neighbours, itself first
     """
 
-    off: NDArray[np.bool_]
-    is_on: NDArray[np.bool_]
+    off: Flags
+    is_on: Flags
     offset: Floats
     spacing: Floats
-    in_layer: NDArray[np.bool_]
+    in_layer: Flags
     core: Floats
     near: NDArray[np.int32]
 
@@ -99,7 +97,7 @@ class FloorSearch:
         return Floors(off, is_on, self._details[:, :3], self._details[:, 3], in_layer, fits.core, fits.near)
 
 
-def _in_layer(details: Floats) -> NDArray[np.bool_]:
+def _in_layer(details: Floats) -> Flags:
     """Return which points are near enough to their surface for a second layer, with others next to them, (n,) bool.
 
     details : (n, 5) offset to the surface, x y z; its point spacing; number of neighbours on the point's side of it

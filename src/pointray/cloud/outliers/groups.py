@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...base.arrays import Flags, Floats
 from ...engine.jit import run
 from ..neighbors import neighbors
 from ..neighbors.components import connected_components
@@ -12,15 +12,13 @@ from .floors import Floors
 from .links import CHUNK, link, third_least
 from .local_fits import CORE
 
-Floats = NDArray[np.float32]
-
 THIN = 3.0  # times the distances of dense points within some steps: 27 times fewer per volume
 STEPS = 3  # steps from neighbour to neighbour, each to the third least of the distances
 GAP = 4.0  # gap around a floating group, in distances to the `CORE`-th neighbour, about 6 spacings
 FEW, SHARE = 20, 5e-4  # greatest number of points of a floating group, or share of all points
 
 
-def find_sparse(floors: Floors) -> NDArray[np.bool_]:
+def find_sparse(floors: Floors) -> Flags:
     """Return which points, (n,) bool, are much sparser than those around, and lie on no smooth surface of such points.
 
     floors : the surface near each point
@@ -33,7 +31,7 @@ def find_sparse(floors: Floors) -> NDArray[np.bool_]:
     return np.asarray((floors.core > THIN * least) & ~floors.is_on)
 
 
-def find_floating(positions: Floats, floors: Floors, strays: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def find_floating(positions: Floats, floors: Floors, strays: Flags) -> Flags:
     """Return which points, (n,) bool, are in small groups far from all others, such as birds.
 
     positions : (n, 3)

@@ -8,14 +8,12 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Floats, Rows
 from ...engine.jit import Array, borrow, inline, kernel, next_tile, routine, run
 from ...engine.kernels.vec import Vec3, tangents
 from ..normals.planes import plane
 from ..normals.quadrics import TERMS, solve
 from .fits import into_ball
-
-Floats = NDArray[np.float32]
-Rows = NDArray[np.int64]
 
 AROUND = 64  # neighbours: of two scans 3 spacings apart, a third of them belongs to the other scan
 MOST = 8  # scans considered around a point

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Flags, Floats, Rows
 from ...base.progress import Progress, part_of, report_progress
 from ..kd_ordering import KdOrdering, compute_kd_ordering
 from ..neighbors import neighbors
@@ -16,9 +17,6 @@ from ..statistics import CloudStatistics
 from .floors import LAYER, LEAST, Floors, FloorSearch
 from .passes import merge_passes
 from .search import LayerSearch
-
-Floats = NDArray[np.float32]
-Rows = NDArray[np.int64]
 
 SPARSE_MERGED = 0.6  # progress after sparse layers are merged
 OPPOSITE = -0.3  # mean cosine of a point's given normal and those around it, below which it belongs to another sheet
@@ -98,7 +96,7 @@ def _shifts(points: Points, ordering: KdOrdering, part: Part, progress: Progress
     return shift
 
 
-def _in_company(ordered: Floats, floors: Floors, rows: Rows) -> NDArray[np.bool_]:
+def _in_company(ordered: Floats, floors: Floors, rows: Rows) -> Flags:
     """Return which rows, all off the surface near them, are in a large group at about the same height, (m,) bool.
 
     ordered : (n, 3) positions in kd order
@@ -118,7 +116,7 @@ def _in_company(ordered: Floats, floors: Floors, rows: Rows) -> NDArray[np.bool_
     return np.asarray(np.bincount(part)[part] >= FEWEST)
 
 
-def faces_back(points: Points, rows: NDArray[np.integer[Any]], floors: Floors, some: Rows) -> NDArray[np.bool_]:
+def faces_back(points: Points, rows: NDArray[np.integer[Any]], floors: Floors, some: Rows) -> Flags:
     """Return which positions have a given normal opposite to those around, (m,) bool: they are the back of a thin body.
 
     rows : (n,) the row of `points` of each position

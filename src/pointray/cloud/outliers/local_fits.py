@@ -9,16 +9,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...base.arrays import Flags, Floats, Rows
 from ...base.progress import Progress, report_progress
 from ...engine.jit import Array, borrow, f64, inline, kernel, next_tile, run
 from ...engine.kernels.vec import tangents
 from ..neighbors import NeighborTree
 from .fits import fit, new_memory, nth
-
-Floats = NDArray[np.float32]
-Rows = NDArray[np.int64]
 
 AROUND = 48  # neighbours of a fit, itself included: a layer with a tenth of the points is found up to 5 spacings away
 KEPT = 16  # neighbours that are stored: noise is averaged over them
@@ -180,7 +177,7 @@ class LocalSurfaceFits:
         run(_share, -(-len(rows) // CHUNK), rows, self._about, self.near, out)
         return out
 
-    def _fit(self, members: Rows) -> NDArray[np.bool_]:
+    def _fit(self, members: Rows) -> Flags:
         """Fit a surface to each group of rows; return which rows are done, (n,) bool.
 
         Those far from their group's middle are not: they need neighbours of their own.
@@ -193,7 +190,7 @@ class LocalSurfaceFits:
         return is_done
 
 
-def _pairs(groups: Rows, chosen: NDArray[np.bool_]) -> Rows:
+def _pairs(groups: Rows, chosen: Flags) -> Rows:
     """Return the chosen rows of each group in pairs, (p, 2); an odd one is paired with itself.
 
     groups, chosen : (m, 4) rows of each group, and which of them are chosen

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Doubles, Floats
 from ...base.progress import Progress, part_of, report_progress
 from ..georeference import SCAN
 from ..kd_ordering import KdOrdering, compute_kd_ordering
@@ -18,9 +19,6 @@ from ..normals.stations import eyes_of
 from ..points import Points
 from ..statistics import CloudStatistics
 from .heights import AROUND, even_out, heights
-
-Floats = NDArray[np.float32]
-Rows = NDArray[np.int64]
 
 IDS = SCAN, "point_source_id"  # attributes that hold the scan, or flight line, of each point
 SAMPLE, SHOWN = 20_000, 0.01  # sampled points; share of them that must show misaligned passes
@@ -31,7 +29,7 @@ SAMPLED, MOVED = 0.1, 0.9  # progress after the sample, and after all moves are 
 
 def merge_passes(
     points: Points,
-    eyes: NDArray[np.float64] | None = None,
+    eyes: Doubles | None = None,
     progress: Progress | None = None,
     ordering: KdOrdering | None = None,
     statistics: CloudStatistics | None = None,
@@ -118,7 +116,7 @@ def _scans_of(points: Points) -> NDArray[np.int32] | None:
     return None
 
 
-def _facing(points: Points, eyes: NDArray[np.float64] | None) -> Floats | None:
+def _facing(points: Points, eyes: Doubles | None) -> Floats | None:
     """Return unit vectors to the side from which each point was seen, (n, 3), 0 where unknown; None if all are unknown.
 
     eyes : (3,) or (n, 3) world position of the scanner; where it is unknown, normals show the side

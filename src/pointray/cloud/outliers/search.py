@@ -7,13 +7,11 @@ examines the same blocks as the whole.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...base.arrays import Rows
 from ...base.progress import Progress, part_of, report_progress
 from .floors import FloorSearch
 from .local_fits import GROUP
-
-Rows = NDArray[np.int64]
 
 RANGE = 16 * GROUP  # consecutive points in kd order, about 8 spacings wide
 SAMPLE, SHARE = 20_000, 32  # points examined in any case; largest number of ranges of a block

@@ -13,12 +13,10 @@ own: ground at a grazing angle is equally steep in front and behind, and a wire 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...base.arrays import Doubles, Flags, Floats
 from ..neighbors import neighbors
 from .local_fits import CORE
-
-Floats = NDArray[np.float32]
 
 BESIDE = CORE  # adjacent points, as seen from the scanner
 STEEP = 4.0  # greatest slope of a surface along the ray, for a step to the side: 76 degrees
@@ -28,7 +26,7 @@ SPARSE_LINE = 2.0  # least ratio of distances to neighbours in space, to those o
 SPARSE = 2.5  # least ratio of distances to neighbours in space, to those of adjacent points
 
 
-def find_veils(positions: Floats, core: Floats, eye: NDArray[np.float64]) -> NDArray[np.bool_]:
+def find_veils(positions: Floats, core: Floats, eye: Doubles) -> Flags:
     """Return which positions, (n,) bool, are mixed returns: isolated between foreground and background of a scanner.
 
     Parameters

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Floats, Rows
 from ...base.disk_columns import Column, Columns
 from ...base.progress import Progress, part_of, report_progress
 from ...cloud.neighbors import kd_order
@@ -17,8 +18,6 @@ CHUNK = 1 << 20  # rows scattered at once
 TILE = 1 << 12  # points of the kd order that are read together: the unit of margins
 CUT = 0.5  # progress after the cuts are found
 SCATTERED, SORTED = "scattered.", "points."  # prefixes of columns
-
-Floats = NDArray[np.float32]
 
 
 class Arrangement:
@@ -76,7 +75,7 @@ class Arrangement:
         row: int,
         cuts: Cuts,
         made: dict[str, Column],
-        free: NDArray[np.int64],
+        free: Rows,
     ) -> None:
         """Append consecutive rows of the old columns to the parts that they belong to, in the new columns.
 

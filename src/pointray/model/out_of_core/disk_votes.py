@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...base.arrays import Rows
 from ...base.disk_columns import Columns
 from ...cloud.normals.joins import InMemoryVotes, VoteTables
 from ...cloud.normals.votes import Votes, sum_votes
@@ -14,8 +14,6 @@ from ...cloud.normals.votes import Votes, sum_votes
 PIECES = 1 << 18  # pieces per table; it has the votes of pairs whose lower piece is one of them, 5 to 10 for each
 
 VOTES = "votes-"  # prefix of column names
-
-Whole = NDArray[np.int64]
 
 
 class OnDiskVotes:
@@ -33,7 +31,7 @@ class OnDiskVotes:
         Rows of each column at which its t tables begin and end, as `keep` returns them.
     """
 
-    def __init__(self, columns: Columns, names: Sequence[str], cuts: Sequence[Whole]) -> None:
+    def __init__(self, columns: Columns, names: Sequence[str], cuts: Sequence[Rows]) -> None:
         self._columns, self._names, self._cuts = columns, names, cuts
 
     def __iter__(self) -> Iterator[Votes]:
@@ -59,7 +57,7 @@ class OnDiskVotes:
         return OnDiskVotes(self._columns, names, cuts)
 
 
-def keep(columns: Columns, name: str, votes: Votes, pieces: int) -> Whole:
+def keep(columns: Columns, name: str, votes: Votes, pieces: int) -> Rows:
     """Write votes to a new column on disk, as t tables one after the other; return the row at which each begins.
 
     A vote states whether the normals of two pieces (connected points with consistent normals) agree. A table holds the

@@ -7,13 +7,14 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Rows
 from ...base.disk_columns import Column
 from ...cloud.neighbors import NeighborTree
 from ...cloud.normals.layers import KEPT, signs_facing
 from ...cloud.normals.orientation import NEAR
 from . import signs
 from .local import Local
-from .signs import PIECE, SIGN, SIGNED, Outlook, Shared, Signs, Whole, firsts_of
+from .signs import PIECE, SIGN, SIGNED, Outlook, Shared, Signs, firsts_of
 from .stages import FACED, KNOWN, MERGED, NORMALS, PLACED, PLANES, POSITIONS, TURNED, UNITS, Cloud, units
 from .work import Facts, Span, Work, within
 
@@ -62,13 +63,13 @@ class Facing:
     def _find(self, part: int) -> int:
         return self._signs.find(self._load(part))
 
-    def _vote(self, firsts: Whole, part: int) -> Whole:
+    def _vote(self, firsts: Rows, part: int) -> Rows:
         return self._signs.vote(self._load(part), part, firsts)
 
-    def _examine(self, firsts: Whole, shared: list[Shared], part: int) -> Outlook:
+    def _examine(self, firsts: Rows, shared: list[Shared], part: int) -> Outlook:
         return self._signs.examine(self._load(part, alone=True), part, firsts, shared[part])
 
-    def _known_groups(self, firsts: Whole, known: Column, groups: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    def _known_groups(self, firsts: Rows, known: Column, groups: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Return which groups of points contain signs known from scanner positions, and which of these to invert.
 
         A group is a connected set of points whose normals are consistent with each other. Both results are masks,
@@ -97,7 +98,7 @@ class Facing:
         return signs.Local(local.rows, local.core, places, normals, near)
 
 
-def near_in(cloud: Cloud, local: Local, core: slice | Whole, count: int) -> NDArray[np.int32]:
+def near_in(cloud: Cloud, local: Local, core: slice | Rows, count: int) -> NDArray[np.int32]:
     """Return the nearest neighbours of m points of a part, (m, k) int32, each point itself first.
 
     Neighbours are indices into the points of `local`.

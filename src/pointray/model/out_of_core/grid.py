@@ -5,15 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...base.arrays import Floats, Rows
 from ...surface.splats.groups import Groups, cell_numbers, groups_in_cells
 from ...surface.splats.scattered.levels import uniform_normals
 from .layer import NORMALS, POSITIONS, Layer
 from .sorted_sets import distinct_numbers, isin_sorted
-
-Floats = NDArray[np.float32]
-Rows = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

@@ -11,13 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Flags, Floats, Rows
 from ...base.disk_columns import Column, Columns
 from .arrange import CHUNK, TILE, boxes_of
 from .local import touched
 from .work import Work
 
-Floats = NDArray[np.float32]
-Rows = NDArray[np.int64]
 Source = str | NDArray[Any]  # a column name, or an array
 
 # Properties. Given positions and normals, at level 0, are those of the files.
@@ -177,7 +176,7 @@ class Layer:
         part: int | None,
         boxes: Floats,
         wide: Floats | None,
-        keep: Callable[[slice], NDArray[np.bool_]],
+        keep: Callable[[slice], Flags],
     ) -> Rows:
         """Return the rows, ascending, of the splats that `keep` selects, testing only those near some boxes.
 

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...base.arrays import Doubles, Flags, Floats, Rows
 from ...cloud.georeference import Georeference
 from ...cloud.neighbors import kd_order
 from ...cloud.points import Points
@@ -39,9 +39,6 @@ from .work import Facts
 MARGIN = 16
 LEAST = 1 << 16  # splats that a margin may always have, however small the part
 WIDEST = 4.0  # width in cells that only a few supports exceed
-
-Floats = NDArray[np.float32]
-Rows = NDArray[np.int64]
 
 
 class SharedValues(NamedTuple):
@@ -76,7 +73,7 @@ class ModelInfo(NamedTuple):
 
     folder: Path
     id: str
-    origin: NDArray[np.float64]
+    origin: Doubles
     georeference: Georeference
     attributes: list[str]
 
@@ -203,7 +200,7 @@ def _supports(layer: Layer, rows: Rows, cell: float, known: dict[str, float], sa
 
 def tree_part(
     layer: Layer,
-    cells: NDArray[np.float64],
+    cells: Doubles,
     whole: SharedValues,
     named: ModelInfo,
     written: list[LevelProgress | None],
@@ -266,7 +263,7 @@ def points_at(layer: Layer, rows: slice | Rows, named: ModelInfo) -> Points:
     return Points.about(named.origin, *columns, attributes, named.georeference)
 
 
-def _reaching(layer: Layer, cell: NDArray[np.float64], whole: SharedValues, step: float) -> Rows:
+def _reaching(layer: Layer, cell: Doubles, whole: SharedValues, step: float) -> Rows:
     """Return the rows of the splats of a level whose supports reach into a box, or come within one sampling step of it.
 
     cell : (6,), the box: low x y z, high x y z; whole : values of all parts, of which the largest radii are used
@@ -274,7 +271,7 @@ def _reaching(layer: Layer, cell: NDArray[np.float64], whole: SharedValues, step
     """
 
     def reach(around: float) -> Rows:
-        def keep(rows: slice) -> NDArray[np.bool_]:
+        def keep(rows: slice) -> Flags:
             positions, wide = layer.read(POSITIONS, rows), layer.read(RADII, rows)[:, None] + np.float32(around)
             return np.asarray(((positions + wide >= cell[:3]) & (positions - wide <= cell[3:])).all(axis=1))
 
@@ -287,7 +284,7 @@ def _reaching(layer: Layer, cell: NDArray[np.float64], whole: SharedValues, step
     return reach(step * min(float(radii.max()), WIDEST * float(np.median(radii))))
 
 
-def _around(layer: Layer, positions: Floats, reach: float) -> Callable[[slice], NDArray[np.bool_]]:
+def _around(layer: Layer, positions: Floats, reach: float) -> Callable[[slice], Flags]:
     """Return a function that marks the splats near some positions, for `Layer.near`: it takes a range of rows.
 
     It marks all splats within the distance `reach`, and some slightly farther away.
@@ -295,7 +292,7 @@ def _around(layer: Layer, positions: Floats, reach: float) -> Callable[[slice], 
     low = positions.min(axis=0).astype(np.float64) - 2 * reach
     count = np.floor((positions.max(axis=0) - low) / reach).astype(np.int64) + 3
 
-    def numbers(some: Floats) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    def numbers(some: Floats) -> tuple[Rows, Flags]:
         at = np.floor((some - low) / reach).astype(np.int64)
         inside = ((at >= 0) & (at < count)).all(axis=1)
         return (at[:, 0] * count[1] + at[:, 1]) * count[2] + at[:, 2], inside
@@ -304,7 +301,7 @@ def _around(layer: Layer, positions: Floats, reach: float) -> Callable[[slice], 
     for stride in (1, int(count[2]), int(count[1] * count[2])):
         cells = distinct_numbers(np.concatenate([cells - stride, cells, cells + stride]))
 
-    def keep(rows: slice) -> NDArray[np.bool_]:
+    def keep(rows: slice) -> Flags:
         found, inside = numbers(layer.read(POSITIONS, rows))
         return inside & isin_sorted(cells, found)
 

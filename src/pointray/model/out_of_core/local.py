@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Flags, Floats, Rows
 from ...base.disk_columns import Column, Columns
 from .arrange import TILE
 
@@ -20,9 +21,6 @@ EDGE = 3  # points of a group at each end of an axis that are skipped as outlier
 REACH = 3.0  # width of the margin in extents of a group: about 30 spacings
 MOST, LEAST = 1.0, 64  # largest margin, in tiles of the part; in tiles: sparse points may have dense ones around them
 PAIRS = 1 << 22  # pairs of tiles and groups tested at once
-
-Floats = NDArray[np.float32]
-Rows = NDArray[np.int64]
 
 
 class Local(NamedTuple):
@@ -130,7 +128,7 @@ def _margin(boxes: Floats, part: Rows, positions: Floats, reach: float) -> Rows:
     return found[(found >= 0) & (found < len(boxes))]
 
 
-def touched(boxes: Floats, low: Floats, high: Floats) -> NDArray[np.bool_]:
+def touched(boxes: Floats, low: Floats, high: Floats) -> Flags:
     """Return which boxes, (n, 6), low x y z and high x y z, overlap any of those given by corners, (m, 3) each."""
     out = np.zeros(len(boxes), np.bool_)
     step = max(PAIRS // len(low), 1)

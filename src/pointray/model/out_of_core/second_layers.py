@@ -5,15 +5,12 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...cloud.outliers.floors import LEAST, FloorSearch
 from ...cloud.outliers.search import LayerSearch, block_size
 from .local import Local
 from .stages import LAYERS, Cloud, ordering_of
 from .work import Facts, Work
-
-Rows = NDArray[np.int64]
 
 OPEN, NEW = 1, 2  # values of the column of blocks
 

@@ -10,8 +10,8 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...base.arrays import Flags, Floats
 from ...base.disk_columns import Columns
 from ...base.progress import report_progress
 from ...cloud.neighbors import take
@@ -35,8 +35,6 @@ BY_ROW = "by-row"  # column of the surface's points, in ranges of rows that are 
 SEPARATED = "separated"
 FOUND, SHAPED = 0.5, 0.8  # progress
 
-Floats = NDArray[np.float32]
-
 
 class Shaping(NamedTuple):
     """Options for drawing scattered points, which lie on no surface.
@@ -49,7 +47,7 @@ class Shaping(NamedTuple):
     radii: str | None
 
     def find(
-        self, cloud: Cloud, local: Local, statistics: CloudStatistics, mask: NDArray[np.bool_] | None = None
+        self, cloud: Cloud, local: Local, statistics: CloudStatistics, mask: Flags | None = None
     ) -> tuple[Floats, Floats]:
         """Return radii, (n,), and directions, (n, 3), of the points of a part and its margin as spheres or discs.
 

@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Flags, Floats, Rows
 from ...base.disk_columns import Columns
 from ...cloud.normals.joins import join
 from ...cloud.normals.outward import Sample, inward_of, take_sample
@@ -31,10 +32,6 @@ from .disk_votes import OnDiskVotes, drop_all, keep, name_of
 # Columns: per point its piece, numbered within the part, its sign in the piece, and its final sign; per piece, numbered
 # part by part, its group and its sign in the group; per group its number of points.
 PIECE, SIGN, SIGNED, GROUP, TURN, POINTS = "piece", "sign", "signed", "group", "turn", "group.points"
-
-Floats = NDArray[np.float32]
-Whole = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 
 class Local(NamedTuple):
@@ -54,7 +51,7 @@ class Local(NamedTuple):
         Neighbours of each of the part's own points among the n, the point itself first.
     """
 
-    rows: Whole
+    rows: Rows
     core: slice
     positions: Floats
     normals: Floats
@@ -69,7 +66,7 @@ class Shared(NamedTuple):
     """
 
     groups: NDArray[np.int32]
-    earlier: Whole
+    earlier: Rows
 
 
 class Outlook(NamedTuple):
@@ -98,7 +95,7 @@ class Signs:
         First row of each part, then the number of rows.
     """
 
-    def __init__(self, columns: Columns, starts: Whole) -> None:
+    def __init__(self, columns: Columns, starts: Rows) -> None:
         self._columns, self._starts = columns, starts
 
     def find(self, local: Local) -> int:
@@ -119,7 +116,7 @@ class Signs:
         self._columns[SIGN].write(first, found.sign)
         return len(found.sizes)
 
-    def vote(self, local: Local, part: int, firsts: Whole) -> Whole:
+    def vote(self, local: Local, part: int, firsts: Rows) -> Rows:
         """Write votes on whether pieces agree in their signs, from the edges between neighbouring points.
 
         A piece is a set of points with reliable relative signs. The votes of a part are those of edges from its own
@@ -138,7 +135,7 @@ class Signs:
         votes = cast_votes(local.positions, local.normals, local.near, local.core, piece, sign)
         return keep(self._columns, name_of(part), votes, int(firsts[-1]))
 
-    def gather(self, firsts: Whole, cuts: Sequence[Whole]) -> list[Shared]:
+    def gather(self, firsts: Rows, cuts: Sequence[Rows]) -> list[Shared]:
         """Join the pieces of all parts to groups with consistent signs, by votes; write group and sign of each piece.
 
         A piece is a set of points with reliable relative signs.
@@ -168,7 +165,7 @@ class Signs:
             running[ids] += here
         return shared
 
-    def examine(self, local: Local, part: int, firsts: Whole, shared: Shared) -> Outlook:
+    def examine(self, local: Local, part: int, firsts: Rows, shared: Shared) -> Outlook:
         """Return which groups within a part face inward, and a sample of the points of groups that leave the part.
 
         A piece is a set of points with reliable relative signs, a group a set of connected pieces with consistent
@@ -201,7 +198,7 @@ class Signs:
         inward[np.concatenate([each.inward for each in outlooks])] = True
         return inward
 
-    def write(self, part: int, firsts: Whole, inward: Flags, kept: Flags | None = None) -> None:
+    def write(self, part: int, firsts: Rows, inward: Flags, kept: Flags | None = None) -> None:
         """Write the final sign, int8 1 or -1, of each normal of a part to the column `SIGNED`.
 
         A piece is a set of points with reliable relative signs, a group a set of connected pieces with consistent
@@ -216,7 +213,7 @@ class Signs:
             signs[kept] = 1
         self._columns[SIGNED].write(int(self._starts[part]), signs)
 
-    def known_signs(self, part: int, firsts: Whole, known: Flags) -> tuple[NDArray[np.int32], NDArray[np.int8]]:
+    def known_signs(self, part: int, firsts: Rows, known: Flags) -> tuple[NDArray[np.int32], NDArray[np.int8]]:
         """Return votes of the known normals of a part on the signs of the groups of points that they belong to.
 
         A piece is a set of points with reliable relative signs, a group a set of connected pieces with consistent
@@ -235,7 +232,7 @@ class Signs:
         piece, signs, group = self._labels(part, firsts)
         return group[piece[known]], signs[known]
 
-    def _labels(self, part: int, firsts: Whole) -> tuple[NDArray[Any], NDArray[np.int8], NDArray[np.int32]]:
+    def _labels(self, part: int, firsts: Rows) -> tuple[NDArray[Any], NDArray[np.int8], NDArray[np.int32]]:
         """Return how the points of a part are joined to pieces and groups by the signs of their normals.
 
         A piece is a set of points with reliable relative signs, a group a set of connected pieces with consistent
@@ -256,7 +253,7 @@ class Signs:
         piece, columns = self._columns[PIECE][rows], self._columns
         return piece, columns[SIGN][rows] * columns[TURN][pieces][piece], columns[GROUP][pieces]
 
-    def _groups_in(self, part: int, group: NDArray[np.int32]) -> tuple[NDArray[np.int32], Whole]:
+    def _groups_in(self, part: int, group: NDArray[np.int32]) -> tuple[NDArray[np.int32], Rows]:
         """Return the numbers of the groups in a part, ascending, and how many of its points each has.
 
         A group is a set of connected pieces, and a piece one of points, whose normals have consistent signs.
@@ -268,7 +265,7 @@ class Signs:
         return ids, np.bincount(each, sizes, len(ids)).astype(np.int64)
 
 
-def firsts_of(pieces: Sequence[int]) -> Whole:
+def firsts_of(pieces: Sequence[int]) -> Rows:
     """Return the number of the first piece of each part, numbered part after part, then the number of pieces.
 
     pieces : number of pieces (points with reliable relative signs of their normals) of each part

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...base.arrays import Doubles, Flags, Floats
 from ...base.disk_columns import Columns
 from ...cloud.denoising.noise import NoiseRanges, measure_ranges, points_per_range
 from ...cloud.denoising.smooth import Fitting, Noise, noise_by, smooth_known
@@ -33,8 +33,6 @@ from ...surface.splats.support import Support, find_support
 from ...surface.tree.settings import TreeSettings
 from .local import Local
 from .sorted_sets import distinct_numbers
-
-Floats = NDArray[np.float32]
 
 # Columns: of the given cloud, and of the results of each stage.
 POSITIONS, GIVEN = "points.positions", "points.normals"
@@ -60,7 +58,7 @@ class Cloud:
 
     columns: Columns
     total: int
-    origin: NDArray[np.float64]
+    origin: Doubles
     georeference: Georeference
     viewpoint_columns: dict[str, str]
     is_seen: bool
@@ -111,9 +109,9 @@ class Surface(NamedTuple):
     normals: Floats
     noise: Floats | None
     planes: tuple[Floats, Floats] | None = None
-    known: NDArray[np.bool_] | None = None
+    known: Flags | None = None
     repaired: tuple[int, int] = (0, 0)
-    thick: NDArray[np.bool_] | None = None
+    thick: Flags | None = None
 
 
 def ordering_of(positions: Floats) -> KdOrdering:
@@ -222,7 +220,7 @@ def units(cloud: Cloud, local: Local) -> Surface:
     return repaired._replace(known=known)
 
 
-def _eyes_of(cloud: Cloud, points: Points) -> tuple[Floats | None, NDArray[np.bool_] | None]:
+def _eyes_of(cloud: Cloud, points: Points) -> tuple[Floats | None, Flags | None]:
     """Return the viewpoint (scanner position) of each of n points, and a mask of the points whose viewpoint is known.
 
     Viewpoints are (n, 3), relative to the points' origin, NaN where unknown. None is returned twice if no point of the

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Flags, Floats, Rows
 from ...cloud.normals import sheets
 from ...cloud.normals.orientation import NEAR
 from ...cloud.normals.winding import TILE, Frame, Splats, Winding, roots_of, spacings, top_of
@@ -27,10 +28,6 @@ from .work import Facts, Span, Work
 SPACING, FOUND, BESIDE, GAIN = "spacing", "found", "beside", "gain"
 TURNS, UNSURE, BACK, VOTED = "turns", "unsure", "turned.back", "voted"
 TOP, NUMBERS, DONE = "winding", "numbers", "sheets-done"
-
-Floats = NDArray[np.float32]
-Rows = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 
 class Field(NamedTuple):

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Rows
 from ...base.executor import Executor, Job
 from ...engine.kernels.records import World
-from ...scene.ownership import Rows, Shares, boxes_of
+from ...scene.ownership import Shares, boxes_of
 from ...scene.world import Snapshot
 from ...surface.trace.cast import Pace
 from ..camera import Camera

@@ -8,13 +8,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Floats
 from ...engine.jit import Array, run
 from ...engine.kernels.records import World
 from ...engine.kernels.scratch import TILE
 from ...surface.trace.cast import PLAIN, Pace
 from ..film import LONGEST_PASS
 from ..integrate import BLOCK_EDGE, Pass
-from ..pieces import Floats, Piece, cut
+from ..pieces import Piece, cut
 from .answer import BEGINS, SLOT, answer
 from .replay import FACT_INSTANCE, FACTS, MISS, RAY, ReplayWorld, empty_table
 

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Flags, Floats
 from ...base.progress import Progress, report_progress
 from ...base.warning_log import warn
 from ...cloud.denoising.smooth import Placed
@@ -17,8 +18,6 @@ from .levels import THIN
 from .support import CROWD, find_support
 
 SMALLEST, LARGEST = 1e-12, 1e12  # limits of a radius
-
-Floats = NDArray[np.float32]
 
 
 class Sizes(NamedTuple):
@@ -35,7 +34,7 @@ class Sizes(NamedTuple):
     within: tuple[float, Floats] | None = None
     others: Floats | None = None
 
-    def select(self, mask: NDArray[np.bool_]) -> Sizes:
+    def select(self, mask: Flags) -> Sizes:
         """Return the sizes of the points in a mask (n,)."""
         given = None if self.given is None else self.given[mask]
         within = None if self.within is None else (self.within[0], self.within[1][mask])
@@ -126,7 +125,7 @@ def check_size(radii: Floats, scale: str = "radius_scale") -> None:
         )
 
 
-def _not_crowded(splats: Splats, crowded: NDArray[np.bool_]) -> Splats:
+def _not_crowded(splats: Splats, crowded: Flags) -> Splats:
     """Remove the splats in the mask `crowded`, which share their position with many others, with a warning."""
     lost = int(crowded.sum())
     if not lost:

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Floats, Indices
 from ...base.progress import Progress, report_progress
 from ...cloud.neighbors import NeighborTree
 from ...cloud.statistics import CloudStatistics
@@ -29,8 +30,6 @@ MEASURED = 0.8  # fraction of the run time at which all cells are measured once
 SAME = 0.99  # a cell shrinks only if its new reach is more than 1% smaller: rounding differs between the methods
 FIRST, AGAIN, THEN, AHEAD = range(4)  # neighbours a cell was last measured with: NEIGHBORS, MORE, MOST, MOST and BEYOND
 
-Floats = NDArray[np.float32]
-Indices = NDArray[np.int32]
 Rows = NDArray[Any]  # int32 or int64
 
 

@@ -12,11 +12,12 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Floats
 from ...cloud.neighbors import NeighborTree, kd_order
 from ...engine.jit import Array, borrow, f32, f64, inline, kernel, next_tile, routine, run
 from ...engine.kernels.vec import Vec3, add, dot, length, scale
 from .cells import NEIGHBORS
-from .grow import Floats, at
+from .grow import at
 from .sheets import find_sheets
 from .voronoi import Neighborhood
 

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Flags, Floats
 from ...cloud.neighbors import NeighborTree
 from ...cloud.statistics import CloudStatistics
 from ...engine.jit import Array, borrow, f32, f64, i64, inline, keep_alive, kernel, next_tile, run
@@ -40,7 +41,6 @@ FEW, MOST = 6, 10  # neighbours on the sheet, of 20: a protruding point has at m
 NONE = 4  # of 8 neighbours; only points with at most this many are examined for protruding
 SMALL = 0.4  # disc of a protruding point, in those around it
 
-Floats = NDArray[np.float32]
 Rows = NDArray[Any]
 
 
@@ -99,7 +99,7 @@ def trim_fringe(
     normals: Floats,
     tree: NeighborTree,
     found: Chosen,
-    noisy: NDArray[np.bool_],
+    noisy: Flags,
     statistics: CloudStatistics,
 ) -> None:
     """Shrink discs that protrude from the outline of a noisy cloud and mark their points as borders, in place.

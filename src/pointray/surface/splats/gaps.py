@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Flags, Floats
 from ...cloud.neighbors import NeighborTree, distinct
 from ...cloud.statistics import CloudStatistics
 from ...engine.jit import Array, borrow, f32, f64, i64, inline, keep_alive, kernel, next_tile, run
@@ -45,7 +46,6 @@ MIXED = 2  # a disc that covers this many scattered points is in disorder
 COMMON = 0.98  # quantile of the spacings that limits all: a few remote points do not get wide discs
 PIECE = 1 << 18  # rows at a time
 
-Floats = NDArray[np.float32]
 Around = Callable[[NDArray[Any]], NDArray[np.int32]]
 
 
@@ -179,7 +179,7 @@ def bridged(positions: Floats, normals: Floats, neighborhood: Neighborhood, limi
     return reach
 
 
-def is_disordered(positions: Floats, normals: Floats, rows: NDArray[np.int32], around: Around) -> NDArray[np.bool_]:
+def is_disordered(positions: Floats, normals: Floats, rows: NDArray[np.int32], around: Around) -> Flags:
     """Return which points lie on smooth sheets with few of their neighbours, as in a tree crown.
 
     The share of such neighbours is averaged over the point and its neighbours; below 0.45 a point is in disorder.
@@ -219,7 +219,7 @@ class Limits(NamedTuple):
     half: Floats
     others: NeighborTree | None
 
-    def are_mixed(self, positions: Floats, reach: Floats) -> NDArray[np.bool_]:
+    def are_mixed(self, positions: Floats, reach: Floats) -> Flags:
         """Return which discs cover at least two scattered points, (m,).
 
         positions : (m, 3), the centres of the discs; reach : (m,), their radii

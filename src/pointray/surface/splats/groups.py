@@ -8,14 +8,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Doubles, Flags, Floats, Rows
 from ...cloud.neighbors import distinct
 from ...engine.jit import Array, borrow, f32, f64, i64, kernel, next_tile, run
 
 MOST_CELLS = 2**20  # along an axis
 SIDES = 6  # main directions; the product with a cell number is exact in float32
 CHUNK = 1 << 12  # splats or groups per tile
-
-Floats = NDArray[np.float32]
 
 
 class Groups(NamedTuple):
@@ -25,9 +24,9 @@ class Groups(NamedTuple):
     """
 
     order: NDArray[np.int32]
-    starts: NDArray[np.int64]
+    starts: Rows
 
-    def mean(self, values: Floats) -> NDArray[np.float64]:
+    def mean(self, values: Floats) -> Doubles:
         """Return the mean of `values` (n, ...) over each group, (m, ...) float64."""
         out = np.empty((len(self.starts) - 1, *values.shape[1:]))
         width = int(np.prod(values.shape[1:], dtype=int))
@@ -49,7 +48,7 @@ class Groups(NamedTuple):
         """First row of each group, (m,)."""
         return self.order[self.starts[:-1]]
 
-    def pick(self, kept: NDArray[np.bool_]) -> Groups:
+    def pick(self, kept: Flags) -> Groups:
         """Return the groups for which the mask `kept` (m,) is true."""
         sizes = np.diff(self.starts)
         return Groups(self.order[np.repeat(kept, sizes)], np.append(0, np.cumsum(sizes[kept])))
@@ -147,7 +146,7 @@ def groups_in_cells(positions: Floats, normals: Floats, cell: float, low: Floats
     return Groups(order, starts[:-1])
 
 
-def cell_numbers(positions: Floats, normals: Floats, cell: float, low: Floats) -> NDArray[np.int64]:
+def cell_numbers(positions: Floats, normals: Floats, cell: float, low: Floats) -> Rows:
     """Return a number for each splat, (n,), equal for splats in one grid cell that face the same of six directions.
 
     cell : edge length of the cells; low : (3,) float32, origin of the grid

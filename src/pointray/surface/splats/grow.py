@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Flags, Floats, Rows
 from ...engine.jit import Array, borrow, f32, i32, inline, kernel, next_tile, run
 from ...engine.kernels.vec import Vec3
 from .priority_queue import pop, push
@@ -22,8 +23,6 @@ SMALL = 0.25  # in error bounds: a splat may always be this wide, as it cannot e
 MOST = 1 << 16  # maximum number of points in a splat
 CHUNK = 256
 FIRST_ROUND, GROWTH = 200, 1.1  # rounds of a pool: the first takes 1/200 of the seeds, each next 1.1 times as many
-
-Floats = NDArray[np.float32]
 
 
 class Cloud(NamedTuple):
@@ -41,7 +40,7 @@ class Cloud(NamedTuple):
     near: NDArray[np.int32]
     area: Floats
     radii: Floats
-    border: NDArray[np.bool_]
+    border: Flags
 
 
 class Splats(NamedTuple):
@@ -54,7 +53,7 @@ class Splats(NamedTuple):
     """
 
     seeds: NDArray[np.int32]
-    starts: NDArray[np.int64]
+    starts: Rows
     members: NDArray[np.int32]
     widths: Floats
 
@@ -66,7 +65,7 @@ class Splats(NamedTuple):
         return Splats(self.seeds[rows], starts, members, self.widths[rows])
 
     @property
-    def owners(self) -> NDArray[np.int64]:
+    def owners(self) -> Rows:
         """Index of the splat that covers each point in `members`."""
         return np.repeat(np.arange(len(self.seeds)), np.diff(self.starts))
 
@@ -203,7 +202,7 @@ def grow(cloud: Cloud, seeds: NDArray[np.int32], bound: Floats, error: float) ->
 
 
 def grow_pool(
-    cloud: Cloud, bound: Floats, error: float, times: int, wanted: NDArray[np.bool_] | None = None
+    cloud: Cloud, bound: Floats, error: float, times: int, wanted: Flags | None = None
 ) -> tuple[Splats, Floats]:
     """Grow splats to choose from, until each wanted point lies in at least `times` of them or all are seeds.
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Floats
 from ...cloud.points import Points
 from .averages import attribute_averages
 from .groups import Groups, groups_in_cells
@@ -24,8 +25,6 @@ THIN = 0.5
 # long. Larger supports reduce flicker: 1,000 distant statues change by 0.63 (smallest covering supports), 0.50 (1.0),
 # 0.48 (1.1), 0.46 (1.2) of the change with all points; but 10,000 take 163, 175, 188 ms with 1.0, 1.1, 1.2.
 SUPPORT = 1.0
-
-Floats = NDArray[np.float32]
 
 
 class Fine(NamedTuple):

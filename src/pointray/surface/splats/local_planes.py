@@ -7,6 +7,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Floats
 from ...cloud.normals.axes import principal_axes
 from ...cloud.normals.fit_batch import Triple, inner, zeros
 from ...engine.jit import Array, borrow, f32, inline, kernel, next_tile, run
@@ -17,7 +18,6 @@ CHUNK = 2048  # points per tile
 PARALLEL, IN_PLANE = 0.95, 0.1  # least cosine of normals, and largest height over distance, of points in one plane
 TINIEST = 1e-18  # lower limit of a reach that is divided by; its square is within float32
 
-Floats = NDArray[np.float32]
 Xyz: TypeAlias = tuple[Array, Array, Array]  # x, y and z of each point
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...base.arguments import check_numbers
+from ...base.arrays import Flags, Floats, Rows
 from ...base.progress import Progress, part_of
 from ...cloud.neighbors import NeighborTree, distinct
 from ...cloud.points import Points
@@ -24,8 +25,6 @@ from .gaps import find_limits
 from .medians import medians_around
 from .voronoi import Neighborhood
 from .wide_discs import NOTICE, limit_wide
-
-Floats = NDArray[np.float32]
 
 # Torus of 100,000 points, regular | random: 1.5 gives 4.1 | 7.2 overlapping splats, depth errors of 2e-4 | 8e-4 h and
 # normal errors of 0.12 | 0.24 degrees; 1.8 gives 6.0 | 10.3, 1e-4 | 5e-4, 0.08 | 0.20. No ray misses with either.
@@ -59,8 +58,8 @@ class Chosen(NamedTuple):
 
     radii: Floats
     borders: Floats
-    isolated: NDArray[np.bool_]
-    facing: NDArray[np.bool_]
+    isolated: Flags
+    facing: Flags
     near: NDArray[np.int32]
 
 
@@ -122,7 +121,7 @@ def _merged(cloud: Cloud, found: Chosen, cell: float, statistics: CloudStatistic
     return Chosen(again.radii[members], again.borders[members], again.isolated[members], found.facing, found.near)
 
 
-def _in_cells(positions: Floats, nearest: Floats, cell: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _in_cells(positions: Floats, nearest: Floats, cell: float) -> tuple[Rows, Rows]:
     """Merge the points that share a grid cell and are close to their nearest neighbour; all others stay.
 
     nearest : (n,) distance to the nearest neighbour; cell : edge length of the grid cells
@@ -182,7 +181,7 @@ def _survey(
     return Chosen(reach, borders, wide, cells.first.facing, near)
 
 
-def _height(positions: Floats, normals: Floats, rows: NDArray[np.int64], near: NDArray[np.int32]) -> Floats:
+def _height(positions: Floats, normals: Floats, rows: Rows, near: NDArray[np.int32]) -> Floats:
     """Return how far neighbours are off the tangent plane of each of `rows`, (m,): mean sine of the angle to them.
 
     A large value means that the point lies above a surface. near : (m, k) rows of neighbours

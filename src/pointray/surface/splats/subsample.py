@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.arguments import check_callback, check_kind, check_positive, check_whole
+from ...base.arrays import Floats
 from ...base.progress import StageProgress
 from ...base.warning_log import warn
 from ...cloud.denoising.smooth import check_sigma, place
@@ -17,7 +18,7 @@ from ...cloud.points import Points
 from .averages import attribute_averages
 from .cells import NEIGHBORS
 from .cover import relax
-from .grow import Cloud, Floats, Splats, join
+from .grow import Cloud, Splats, join
 from .radii import choose_radii
 from .subset import (
     Subset,

@@ -12,10 +12,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Floats
 from ...base.progress import StageProgress
 from .cover import choose, relax
 from .deviation import deviations
-from .grow import Cloud, Floats, Splats, grade, grow_pool, join
+from .grow import Cloud, Splats, grade, grow_pool, join
 
 OVERLAP = 1.8  # support radius in disc radii: 1.6 leaves ten times as many bare points, 2.0 a third more error
 SLOPE = 0.25  # 0.2 needs 10% more splats for the same error, 0.3 has a longer tail of errors, 0.6 leaves holes in 10%

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Flags, Floats, Indices
 from ...base.progress import Progress, part_of, report_progress
 from ...cloud.neighbors import NeighborTree, distinct, take
 from ...cloud.sampled_statistics import of_distinct_positions
@@ -24,9 +25,6 @@ CROWD = 16  # most splats kept at one position
 SORTED, CHOSEN = 0.1, 0.98
 REPORTED_SHARE = 1e-5  # isolated points are reported above this share: a mesh of 400,000 vertices has one
 
-Floats = NDArray[np.float32]
-Rows = NDArray[np.int32]
-
 
 class Support(NamedTuple):
     """Radii of n splats, and which of them lie on open borders or on sheets close together.
@@ -43,11 +41,11 @@ class Support(NamedTuple):
     borders: Floats | None
     sheets: NDArray[np.int8] | None
     tight: bool
-    position_ids: Rows | None
-    isolated: NDArray[np.bool_]
+    position_ids: Indices | None
+    isolated: Flags
 
     @property
-    def crowded(self) -> NDArray[np.bool_]:
+    def crowded(self) -> Flags:
         """Mask (n,) of splats that share their position with 16 earlier ones; they are left out to keep rays fast."""
         ids = self.position_ids
         if ids is None or np.bincount(ids).max() <= CROWD:
@@ -151,7 +149,7 @@ def find_support(
     return Support(chosen, _spread(found.borders, ids), sides, tight, ids, isolated)
 
 
-def _places(positions: Floats) -> tuple[Rows, Rows] | tuple[None, None]:
+def _places(positions: Floats) -> tuple[Indices, Indices] | tuple[None, None]:
     """Return the first row at each of m distinct positions (m,), and the index of each point's position (n,).
 
     Return None for both if all positions differ.
@@ -160,6 +158,6 @@ def _places(positions: Floats) -> tuple[Rows, Rows] | tuple[None, None]:
     return (None, None) if len(rows) == len(ids) else (rows, ids)
 
 
-def _spread(values: NDArray[Any], ids: Rows | None) -> NDArray[Any]:
+def _spread(values: NDArray[Any], ids: Indices | None) -> NDArray[Any]:
     """Expand values of m distinct positions to n splats. ids : (n,) position of each splat, or None if all differ"""
     return values if ids is None else values[ids]

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Flags, Floats, Rows
 from ...cloud.neighbors import distinct, neighbors
 
 NOTICE = 3.0  # wider discs, in medians of reach, are examined
@@ -41,9 +42,7 @@ BESIDE = 8  # neighbours that limit the disc of an isolated point
 CROWDED, SPARED, ACROSS = 2.0, 0.85, 2.0
 CHUNK = 1 << 15  # rows at a time
 
-Floats = NDArray[np.float32]
-Rows = NDArray[np.int64]
-Around = Callable[[NDArray[np.int64]], NDArray[np.int32]]
+Around = Callable[[Rows], NDArray[np.int32]]
 
 
 class Supporters(NamedTuple):
@@ -57,12 +56,12 @@ class Supporters(NamedTuple):
 
     rows: Rows
     fit: NDArray[np.int32]
-    around: NDArray[np.int64]
+    around: Rows
 
 
 def limit_wide(
     positions: Floats, normals: Floats, reach: Floats, around: Around, reach_around: Floats, middle: float
-) -> NDArray[np.bool_]:
+) -> Flags:
     """Reduce the reach of isolated points to their neighbours', and that of dense points beside sparse ones, in place.
 
     Parameters
@@ -127,9 +126,7 @@ def _find_supporters(positions: Floats, normals: Floats, reach: Floats, rows: Ro
     return supporters
 
 
-def _on_one_sheet(
-    positions: Floats, normals: Floats, rows: Rows, found: NDArray[np.int32], level: Floats
-) -> NDArray[np.bool_]:
+def _on_one_sheet(positions: Floats, normals: Floats, rows: Rows, found: NDArray[np.int32], level: Floats) -> Flags:
     """Return which points lie on a smooth sheet with each row: near a circular arc perpendicular to both normals.
 
     rows : (m,); found : (m, k) rows of the points to test, the shape of the result

@@ -5,14 +5,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...base.arrays import Doubles, Floats, Rows
 from ...engine.jit import Array, borrow, i64, kernel, next_tile, run
 from ...engine.kernels.tree import BLOCK, INV_R2, NODE, NX, PX, WIDTH, Tree
 
 CHUNK = 1 << 14  # splats per tile
-
-Floats = NDArray[np.float32]
 
 
 class Stored(NamedTuple):
@@ -24,7 +22,7 @@ class Stored(NamedTuple):
         splats; None if nothing was smoothed
     """
 
-    rows: NDArray[np.int64]
+    rows: Rows
     positions: Floats
     normals: Floats
     noise: Floats | None
@@ -64,7 +62,7 @@ def radii_of(tree: Tree) -> Floats:
     return np.asarray(1.0 / np.sqrt(inverse[tree.order >= 0]))
 
 
-def find_surface_bounds(tree: Tree) -> NDArray[np.float64] | None:
+def find_surface_bounds(tree: Tree) -> Doubles | None:
     """Return the box of everything in a tree that rays can hit, (2, 3): least and greatest x, y, z; None if empty.
 
     Coordinates are relative to the points' origin.

@@ -17,6 +17,7 @@ from urllib.parse import unquote_to_bytes
 import numpy as np
 from numpy.typing import NDArray
 
+from ....base.arrays import Floats
 from .._source import Faults
 
 GLB_HEADER = 20  # bytes before the JSON of a .glb file
@@ -25,8 +26,6 @@ KNOWN = re.compile(r"KHR_(mesh_quantization|texture_transform|lights_punctual|ma
 DTYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 ATTRIBUTES = ("POSITION", "NORMAL", "TEXCOORD_0", "COLOR_0")
-
-Floats = NDArray[np.float32]
 
 
 class UnsupportedError(ValueError):

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ....base.arrays import Floats
 from .._counts import missing
 from .._source import NO, SURE, Chunk, Faults, Format, Request, Source
 from ..ply._binary import ORDERS
@@ -29,7 +30,6 @@ PLACE, SCALE, COLOR = (
 )
 ROOT = np.float32(2**0.5)
 
-Floats = NDArray[np.float32]
 Words = NDArray[np.uint32]
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....base.arguments import check_callback
+from ....base.arrays import Flags, Floats
 from ....base.progress import Progress, part_of, report_progress
 from ....cloud.denoising.smooth import Placed
 from ....cloud.neighbors import NeighborTree, distinct, kd_order, take
@@ -22,7 +23,6 @@ from .fitted_normals import Normals, follow_normals
 from .islands import absorb_islands
 from .rules import AROUND, KEEP, LOSE, SPACING, VOTERS, Evidence, judge, vote
 
-Floats = NDArray[np.float32]
 Rows = NDArray[np.integer[Any]]
 
 FEW = VOTERS + 1  # distinct positions; fewer are no surface
@@ -46,7 +46,7 @@ def find_scattered(
     fitted: bool = False,
     threads: int | None = None,
     progress: Progress | None = None,
-) -> NDArray[np.bool_]:
+) -> Flags:
     """Find the points of a cloud that do not lie on a surface.
 
     Parameters
@@ -97,7 +97,7 @@ def scattered_places(
     normals: Normals | None = None,
     threads: int | None = None,
     progress: Progress | None = None,
-) -> NDArray[np.bool_]:
+) -> Flags:
     """Return which of some distinct positions lie on no surface, (n,) bool: leaves, wires and isolated points.
 
     Parameters
@@ -115,7 +115,7 @@ def scattered_places(
     return _scattered(places, rows, normals, threads, progress)
 
 
-def find_scattered_placed(cloud: Points, placed: Placed, progress: Progress | None = None) -> NDArray[np.bool_]:
+def find_scattered_placed(cloud: Points, placed: Placed, progress: Progress | None = None) -> Flags:
     """Find the points of a smoothed cloud that do not lie on a surface, (n,) bool.
 
     cloud : the original points; placed : the same points, smoothed, with normals and the removed noise
@@ -154,7 +154,7 @@ def _rows(values: Floats, name: str) -> Floats:
 
 def _scattered(
     positions: Floats, rows: Rows, normals: Normals | None, threads: int | None, progress: Progress | None
-) -> NDArray[np.bool_]:
+) -> Flags:
     """Return which of some distinct positions lie on no surface, (n,) bool, from planes fitted at four scales.
 
     positions : in kd order, at least 17; rows : their indices in the kd order of the whole cloud

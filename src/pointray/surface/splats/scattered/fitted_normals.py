@@ -7,10 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ....base.arrays import Flags, Floats
 from ..local_planes import off_arcs
 from .rules import AROUND, COARSE, LINE_GAP, STRIP_SLIMNESS, Evidence, medians
-
-Floats = NDArray[np.float32]
 
 # Heights off the arcs of surface points, over distances, are less than ARCS_OFF and less than ARCS times those off the
 # planes; or the latter are less than FLAT.
@@ -54,7 +53,7 @@ def follow_normals(
     surface[follows] = 1
 
 
-def _off_lines(near: NDArray[np.int32], evidence: Evidence, threads: int | None) -> NDArray[np.bool_]:
+def _off_lines(near: NDArray[np.int32], evidence: Evidence, threads: int | None) -> Flags:
     """Return where a point's neighbours form neither a line nor wires side by side, (n,).
 
     near : (n, k) rows of each point and its neighbours

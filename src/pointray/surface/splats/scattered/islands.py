@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ....base.arrays import Floats
 from ....engine.jit import Array, borrow, i64, inline, kernel
-
-Floats = NDArray[np.float32]
 
 LINKS = 8  # neighbours of each point
 # Links between a group and other points, over all of its own, above which it is enclosed. In scans without normals 90%

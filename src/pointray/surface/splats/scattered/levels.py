@@ -6,8 +6,8 @@ from collections.abc import Collection
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ....base.arrays import Floats
 from ....cloud.points import Points
 from ...tree.build import Splats
 from ..averages import attribute_averages
@@ -15,8 +15,6 @@ from ..groups import Groups, groups_in_cells
 from .spheres import SIZE, Drawing, unit_vectors
 
 TYPICAL = 1.15  # typical support radius of a surface, in spacings; the `spacing` of a model is in these units
-
-Floats = NDArray[np.float32]
 
 
 class ScatteredPoints(NamedTuple):

@@ -13,12 +13,12 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ....base.arrays import Floats
 from ....cloud.normals.fit_batch import Triple, inner, zeros
 from ....engine.jit import Array, borrow, f32, inline, kernel, next_tile, run
 from ....engine.simd import F16, ONE, ZERO, Mask, gather16, load16, select, store, vabs, vmax, vmin
 from ..local_planes import CHUNK, LANES, Xyz, difference, gather_triple, load_triple
 
-Floats = NDArray[np.float32]
 Four: TypeAlias = tuple[Array, Array, Array, Array]  # one array per scale
 Nine: TypeAlias = tuple[F16, F16, F16, F16, F16, F16, F16, F16, F16]
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ....base.arguments import check_choice, check_positive
+from ....base.arrays import Flags, Floats, Rows
 from ....base.choices import AS_SPHERES, AS_SURFACE, AUTO, SCATTER
 from ....cloud.kd_ordering import KdOrdering, compute_kd_ordering
 from ....cloud.neighbors import NeighborTree
@@ -28,7 +29,6 @@ LARGEST = 0.98  # quantile of the radii that limits all: a few remote points do 
 FLAT = 17  # points to which the normal of a disc is fitted if the points have no normals
 PIECE = 1 << 18  # rows whose neighbours are held at once
 
-Floats = NDArray[np.float32]
 
 NOTHING_TO_DRAW = 'scatter: all points are scattered, so "none" leaves nothing to draw; use spheres, discs or surface'
 
@@ -74,7 +74,7 @@ def check_drawing(scatter: str, scatter_size: float, sized: bool = False) -> Dra
     return Drawing(scatter, check_positive(scatter_size, "scatter_size"))
 
 
-def check_mask(mask: ArrayLike | None, count: int) -> NDArray[np.bool_] | None:
+def check_mask(mask: ArrayLike | None, count: int) -> Flags | None:
     """Return a mask of scattered points as an array; raise ValueError unless it has `count` bools. None stays None."""
     if mask is None:
         return None
@@ -88,7 +88,7 @@ def check_mask(mask: ArrayLike | None, count: int) -> NDArray[np.bool_] | None:
 
 
 def make_scattered(
-    points: Points, mask: NDArray[np.bool_], rows: NDArray[np.int32], drawing: Drawing, given: Floats | None = None
+    points: Points, mask: Flags, rows: NDArray[np.int32], drawing: Drawing, given: Floats | None = None
 ) -> Splats:
     """Return the scattered points of a cloud as splats with radii and directions, to be drawn as spheres or discs.
 
@@ -123,7 +123,7 @@ def shapes_of(
     drawing: Drawing,
     given: Floats | None,
     statistics: CloudStatistics,
-    mask: NDArray[np.bool_] | None = None,
+    mask: Flags | None = None,
 ) -> tuple[Floats, Floats]:
     """Return the radii (n,) and directions (n, 3) of points drawn as spheres or discs.
 
@@ -169,9 +169,7 @@ def shapes_of(
     return np.asarray(radii * np.float32(drawing.size), np.float32), directions
 
 
-def _at_places(
-    places: Floats, some: NDArray[np.int64], sampled: NDArray[np.int64], statistics: CloudStatistics
-) -> tuple[Floats, Floats]:
+def _at_places(places: Floats, some: Rows, sampled: Rows, statistics: CloudStatistics) -> tuple[Floats, Floats]:
     """Return radii (n,) and directions (n, 3) of spheres at some of n distinct positions in kd order, 0 at others.
 
     some : rows of these positions; sampled : rows that determine the largest radius
