@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.arrays import Floats
 from ..engine.kernels.tree import BLOCK, NX, Tree
 
 
-def fitted_normals(tree: Tree, rows: NDArray[np.integer[Any]], count: int) -> NDArray[np.float32]:
+def fitted_normals(tree: Tree, rows: NDArray[np.integer[Any]], count: int) -> Floats:
     """Return normals of some points from the splats of a model's tree, (m, 3); zero for points without a splat.
 
     They are read with NumPy alone, before kernels are compiled.

@@ -13,8 +13,8 @@ from functools import cache
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..base.arrays import Doubles
 from ..engine.jit import inline, uncompiled
 from ..engine.kernels.sampling import hash32, on_disc
 from ..engine.kernels.vec import Vec3, tangents, turned, unit
@@ -39,7 +39,7 @@ def strata(links: int) -> tuple[int, int]:
 
 
 @cache
-def cell_moments(parts: tuple[int, int]) -> NDArray[np.float64]:
+def cell_moments(parts: tuple[int, int]) -> Doubles:
     """Tabulate means of products of direction components over small cells of a stratified hemisphere about z.
 
     A ray's products are looked up here instead of being computed from its direction. The products are x, y, z, xx, xy,
@@ -139,7 +139,7 @@ def in_texel(texel: int, u: float, v: float) -> Vec3:
 
 
 @cache
-def texel_size() -> NDArray[np.float64]:
+def texel_size() -> Doubles:
     """Return the solid angle in steradians of each texel of the octahedral map of the sky, (SKY_TEXELS,) float64."""
     fine = 8  # sample points along each side
     u = (np.arange(SKY_EDGE * fine) + 0.5) / (SKY_EDGE * fine) * 2.0 - 1.0

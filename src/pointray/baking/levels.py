@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.arrays import Floats
 from ..cloud.neighbors import NeighborTree
 from ..engine.kernels.records import RECORD, SPREAD, SPREAD_RECORDS, SPREAD_SHARES
 from ..engine.kernels.tree import EMPTY, Tree
@@ -207,11 +208,11 @@ def make_spread(trees: Sequence[Tree], patches: PatchSet, level: int) -> Spread:
 
 
 def _spread_over(
-    x: NDArray[np.float32],
-    n: NDArray[np.float32],
+    x: Floats,
+    n: Floats,
     finder: NeighborTree,
-    positions: NDArray[np.float32],
-    normals: NDArray[np.float32],
+    positions: Floats,
+    normals: Floats,
 ) -> Ints:
     """Return for each block of splats the four knots from which light is interpolated, and the splats' weights.
 
@@ -239,7 +240,7 @@ def _spread_over(
     return out.reshape(-1)
 
 
-def average_at_knots(spread: Spread, values: NDArray[np.float32]) -> NDArray[np.float32]:
+def average_at_knots(spread: Spread, values: Floats) -> Floats:
     """Average light over groups of patches: return the mean over the patches of each knot, (knots, k).
 
     Knots are the patches at which coarser light is stored. Rows are padded to a multiple of 4.
@@ -251,7 +252,7 @@ def average_at_knots(spread: Spread, values: NDArray[np.float32]) -> NDArray[np.
     return (np.stack(sums, axis=1) / np.append(parts, np.ones(count - spread.knots))[:, None]).astype(np.float32)
 
 
-def blend_over_splats(blocks: Ints, values: NDArray[np.float32]) -> NDArray[np.float32]:
+def blend_over_splats(blocks: Ints, values: Floats) -> Floats:
     """Interpolate coarser light to the splats of a tree as rendering does: return (slots, k).
 
     blocks : (blocks * SPREAD,), the four records that each block blends, and weights; values : (records, k)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.arrays import Doubles
 from ..engine.kernels.records import PLANE_CHECKER, PLANE_COLOR, PLANE_NORMAL, PLANE_POINT, PLANE_U, PLANE_V
 
 FINE = 4  # colour samples along each side of a cell
@@ -24,12 +25,12 @@ class Grid(NamedTuple):
     half: float
 
 
-def from_grid(u: NDArray[np.float64]) -> NDArray[np.float64]:
+def from_grid(u: Doubles) -> Doubles:
     """Map grid positions, -1 to 1, to plane coordinates in units of half the scene's width: u / (1 - |u|)."""
     return np.asarray(u / (1.0 - np.abs(u)))
 
 
-def fit_grid(record: NDArray[np.float64], bounds: NDArray[np.float64], edge: int) -> Grid:
+def fit_grid(record: Doubles, bounds: Doubles, edge: int) -> Grid:
     """Return a grid for the light on a plane, centred on the scene.
 
     record : the plane, as in `World.planes`; bounds : (2, 3), box around the scene; edge : number of cells along each
@@ -43,7 +44,7 @@ def fit_grid(record: NDArray[np.float64], bounds: NDArray[np.float64], edge: int
     return Grid(edge, (u, v), float(max((high - low).max() / 2.0, 1e-9)))
 
 
-def grid_positions(record: NDArray[np.float64], grid: Grid, fine: int = 1) -> NDArray[np.float64]:
+def grid_positions(record: Doubles, grid: Grid, fine: int = 1) -> Doubles:
     """Return world positions of the cell centres of a plane's grid, (edge * edge, 3), row by row.
 
     record : the plane, as in `World.planes`; fine : n for a raster with n x n points per cell, (edge^2 * n^2, 3)
@@ -54,7 +55,7 @@ def grid_positions(record: NDArray[np.float64], grid: Grid, fine: int = 1) -> ND
     return np.asarray((along + record[PLANE_POINT : PLANE_POINT + 3]).reshape(-1, 3))
 
 
-def grid_colors(record: NDArray[np.float64], grid: Grid) -> NDArray[np.float64]:
+def grid_colors(record: Doubles, grid: Grid) -> Doubles:
     """Return the mean colour of a plane, or of its checker pattern, in each cell of its grid, (edge * edge, 3).
 
     record : the plane, as in `World.planes`
@@ -69,9 +70,7 @@ def grid_colors(record: NDArray[np.float64], grid: Grid) -> NDArray[np.float64]:
     return np.asarray(cells.reshape(-1, 1) * color)
 
 
-def grid_neighbors(
-    grid: Grid, count: int, middles: NDArray[np.float64], walls: list[NDArray[np.float64]]
-) -> NDArray[np.int32]:
+def grid_neighbors(grid: Grid, count: int, middles: Doubles, walls: list[Doubles]) -> NDArray[np.int32]:
     """Return the nearest cells around each cell of a plane's grid, (edge * edge, count) int32, padded with -1.
 
     Of cells at the same distance either all are included or none.
@@ -93,6 +92,6 @@ def grid_neighbors(
     return out
 
 
-def grid_normal(record: NDArray[np.float64]) -> NDArray[np.float64]:
+def grid_normal(record: Doubles) -> Doubles:
     """Return the unit normal of a plane, (3,). record : the plane, as in `World.planes`"""
     return record[PLANE_NORMAL : PLANE_NORMAL + 3]

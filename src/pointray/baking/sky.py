@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..base.arrays import Doubles, Floats
 from ..engine.jit import Array, borrow, f32, kernel, next_tile, run
 from ..engine.kernels.records import NO_SKY, SKY_KIND, SKY_WIDTH, World
 from ..engine.kernels.vec import LUMINANCE, add, luminance, scale
@@ -30,9 +30,9 @@ class Sky(NamedTuple):
     suns : (n, 3) float64, unit directions to bright spots; irradiances : (n, 3) float32, of surfaces that face them
     """
 
-    texels: NDArray[np.float32]
-    suns: NDArray[np.float64]
-    irradiances: NDArray[np.float32]
+    texels: Floats
+    suns: Doubles
+    irradiances: Floats
 
 
 @kernel

@@ -18,6 +18,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from .arrays import Doubles
+
 T = TypeVar("T")
 Vector = tuple[float, float, float]
 
@@ -195,7 +197,7 @@ def _is_int(value: Any) -> bool:
     return isinstance(value, int) and not isinstance(value, bool)
 
 
-def vector(value: Any, name: str) -> NDArray[np.float64]:
+def vector(value: Any, name: str) -> Doubles:
     """Return an argument, three finite numbers, as (3,) float64; raise an error that names it if it is invalid."""
     array = check_numbers(value, name, "three finite numbers").astype(np.float64)
     if isinstance(value, list | tuple) and any(isinstance(part, bool | np.bool_) for part in value):
@@ -222,7 +224,7 @@ def check_direction(value: Any, name: str) -> Vector:
     return numbers
 
 
-def unit_vector(value: Any, name: str) -> NDArray[np.float64]:
+def unit_vector(value: Any, name: str) -> Doubles:
     """Normalize an argument, three finite numbers that are not all zero, to a unit vector, (3,) float64.
 
     Raise an error that names it if it is invalid.
@@ -235,7 +237,7 @@ def unit_vector(value: Any, name: str) -> NDArray[np.float64]:
     return np.asarray(array / np.linalg.norm(array))
 
 
-def rgb(value: Any, name: str) -> NDArray[np.float64]:
+def rgb(value: Any, name: str) -> Doubles:
     """Return an argument, one number (grey) or three, finite and not negative, as RGB, (3,) float64.
 
     Raise an error that names it if it is invalid.
@@ -250,7 +252,7 @@ def rgb(value: Any, name: str) -> NDArray[np.float64]:
     return color
 
 
-def reflectance(value: Any, name: str) -> NDArray[np.float64]:
+def reflectance(value: Any, name: str) -> Doubles:
     """Return an argument, one number (grey) or three, from 0 to 1, as RGB, (3,) float64.
 
     Raise an error that names it if it is invalid.

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..auto_view import HEADLIGHT
 from ..auto_view.first_view import ViewChoice
+from ..base.arrays import Floats
 from ..cloud.points import Points
 from ..image.exposure import auto_tone, white_under
 from ..image.tone import linear_to_srgb, srgb_to_linear, tone
@@ -152,7 +153,7 @@ def _write_points(output: BakeOutput, baked: Any, number: int, points: Points, l
 
 
 def lit_colors(
-    points: Points, irradiance: NDArray[np.float32], color: Any = None, white: float | None = None
+    points: Points, irradiance: Floats, color: Any = None, white: float | None = None
 ) -> tuple[NDArray[np.uint8], float, str]:
     """Return the colours of diffuse points in their baked light, as an image with automatic exposure would show them.
 

@@ -6,8 +6,8 @@ import itertools
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..base.arrays import Floats
 from ..base.progress import Progress, part_of, report_progress
 from ..cloud.cleaning import Flaws, find_flaws
 from ..cloud.denoising.smooth import place
@@ -21,7 +21,7 @@ from ..model.model import Model
 from ..surface.splats.radii import radii_in
 from ..surface.splats.support import find_support
 
-Positions = NDArray[np.float32]
+Positions = Floats
 
 FEW = 500_000  # maximum number of points that are always checked completely, which takes a second
 SAMPLE = 200_000  # points whose spacing is measured by a search among all points

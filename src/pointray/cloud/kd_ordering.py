@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.arrays import Floats
 from .neighbors import distinct, kd_order, take
 from .points import Points
 
@@ -23,7 +24,7 @@ class KdOrdering(NamedTuple):
         The first row of the points at each position.
     """
 
-    positions: NDArray[np.float32]
+    positions: Floats
     ids: NDArray[np.int32]
     rows: NDArray[np.int32]
 

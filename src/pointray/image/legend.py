@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from ..base.arguments import check_flag, check_kind
+from ..base.arrays import Doubles
 from ..shade.attributes import Attribute, category_colors, category_name
 from ..shade.colormaps import colormap, shows_classes
 from .tone import srgb_to_linear
@@ -105,7 +106,7 @@ def check_legend(attribute: Any, name: str) -> None:
         raise ValueError(f"{name}: a legend needs an attribute with a range, such as those of Scene.shown_attributes")
 
 
-def ticks(low: float, high: float, most: int = MOST_TICKS) -> NDArray[np.float64]:
+def ticks(low: float, high: float, most: int = MOST_TICKS) -> Doubles:
     """Return at most `most` round numbers from low to high for the ticks of a colour bar.
 
     They are multiples of 1, 2 or 5 times a power of ten.
@@ -118,7 +119,7 @@ def ticks(low: float, high: float, most: int = MOST_TICKS) -> NDArray[np.float64
     return np.asarray(np.arange(first, last + 1) * step * power, np.float64)
 
 
-def labels(values: NDArray[np.float64]) -> list[str]:
+def labels(values: Doubles) -> list[str]:
     """Format round numbers for the ticks of a colour bar, all with the same number of decimals, as many as needed."""
     largest = np.abs(values).max() if len(values) else 0.0
     if largest >= 1e7 or 0 < largest < 1e-3:

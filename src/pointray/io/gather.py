@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.arrays import Doubles, Floats
 from ..base.memory import check_memory
 from ..base.progress import Progress, part_of, report_progress
 from ..cloud.georeference import RESIDUAL, SCAN, Georeference
@@ -201,7 +202,7 @@ def _scans(parts: list[Part]) -> NDArray[np.int32] | None:
 
 def _about_origin(
     positions: Arrays, georeference: Georeference
-) -> tuple[NDArray[np.float64], NDArray[np.float32], NDArray[Any] | None, Georeference]:
+) -> tuple[Doubles, Floats, NDArray[Any] | None, Georeference]:
     """Choose an origin; return it, the positions relative to it, the rounding errors, and the georeference.
 
     The rounding errors, (n, 3) int32, are the steps of a file's integer coordinates that float32 loses; None if nothing

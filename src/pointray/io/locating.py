@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.arrays import Doubles, Floats
 from ..cloud.geographic import LocalFrame, in_file, projected
 from ..cloud.georeference import Georeference, numbers_of
 from ..cloud.points import SAMPLE, choose_origin
@@ -37,7 +38,7 @@ def georeferenced(
         return found, list(sample) if frame is None else [frame.to_local(piece) for piece in sample]
 
 
-def origin_of(sample: Sequence[NDArray[Any]], total: int) -> NDArray[np.float64]:
+def origin_of(sample: Sequence[NDArray[Any]], total: int) -> Doubles:
     """Return the origin, (3,), about which float32 can hold `total` positions.
 
     sample : some of the positions, in (m, 3) pieces
@@ -47,7 +48,7 @@ def origin_of(sample: Sequence[NDArray[Any]], total: int) -> NDArray[np.float64]
 
 
 def locate(
-    world: NDArray[Any], origin: NDArray[np.float64], georeference: Georeference, local: NDArray[np.float32]
+    world: NDArray[Any], origin: Doubles, georeference: Georeference, local: Floats
 ) -> Iterator[tuple[slice, NDArray[np.int64]]]:
     """Fill `local` with float32 positions relative to the origin; yield the ranges of rows where rounding loses digits.
 
@@ -67,9 +68,7 @@ def locate(
             yield rows, lost
 
 
-def _lost(
-    rows: NDArray[Any], local: NDArray[np.float32], origin: NDArray[np.float64], georeference: Georeference
-) -> NDArray[np.int64] | None:
+def _lost(rows: NDArray[Any], local: Floats, origin: Doubles, georeference: Georeference) -> NDArray[np.int64] | None:
     """Return what float32 loses of coordinates that a file stores as integers, in steps of these integers, (n, 3).
 
     Return None if nothing is lost or the file has no integer coordinates.

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.arguments import check_mapping, check_numbers, check_whole, wrong
+from ..base.arrays import Doubles
 from .formats._source import Chunk
 
 Values = Mapping[str, tuple[float, ...]]
@@ -33,7 +34,7 @@ class Selection:
 
     every: int = 1
     max_points: int | None = None
-    bounds: NDArray[np.float64] | None = None
+    bounds: Doubles | None = None
     keep: Values | None = None
     drop: Values | None = None
 
@@ -77,7 +78,7 @@ class Selection:
         return chunk if rows.all() else chunk.select(rows)
 
 
-def checked_bounds(value: Any) -> NDArray[np.float64]:
+def checked_bounds(value: Any) -> Doubles:
     """Check a box given as two corners or six numbers, minimum first; return it as (2, 3) float64."""
     box = check_numbers(value, "bounds", "x0,y0,z0,x1,y1,z1").astype(np.float64)
     if box.shape not in ((2, 3), (6,)):

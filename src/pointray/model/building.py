@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.arrays import Flags, Floats
 from ..base.progress import StageProgress
 from ..cloud.denoising.smooth import Placed
 from ..cloud.points import Points
@@ -45,8 +46,8 @@ def ignore_progress(stage: str, share: float) -> None:
 def build_model(
     points: Points,
     used: NDArray[np.int32],
-    given: NDArray[np.float32] | None,
-    mask: NDArray[np.bool_] | None,
+    given: Floats | None,
+    mask: Flags | None,
     options: BuildOptions,
     report: StageProgress,
 ) -> ModelData:
@@ -77,7 +78,7 @@ def build_model(
     cloud = points if len(used) == len(points) else points.select(used)
     drawing = options.drawing
     sizes, scattered, made = Sizes(None if given is None else given[used], options.scale), None, None
-    found: NDArray[np.bool_] | None = None
+    found: Flags | None = None
     placed: list[Placed] = []  # empty if all points are scattered
     if drawing.is_apart and (mask is not None or has_few_places(cloud.positions)):
         found = np.ones(len(used), np.bool_) if mask is None else mask[used]
@@ -110,7 +111,7 @@ def assemble(
     settings = options.settings
     if made is not None and made.tight:
         settings = settings._replace(trim=LOOSE_TRIM)
-    radii: NDArray[np.float32] = np.zeros(len(points), np.float32)
+    radii: Floats = np.zeros(len(points), np.float32)
     tree: Tree = no_tree(np.zeros(6, np.float32))
     if made is not None:
         radii[made.rows] = made.radii

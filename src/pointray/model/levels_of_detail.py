@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..base.arrays import Floats
 from ..base.progress import StageProgress
 from ..cloud.denoising.smooth import Placed
 from ..cloud.points import Points
@@ -67,7 +67,7 @@ def _count(surface: Points | None, scattered: ScatteredPoints | None) -> int:
 
 def _make_level(
     placed: Placed | None,
-    within: tuple[float, NDArray[np.float32]],
+    within: tuple[float, Floats],
     scattered: ScatteredPoints | None,
     drawing: Drawing,
 ) -> ModelData:

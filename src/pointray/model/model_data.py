@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..base.arrays import Doubles, Flags, Floats
 from ..cloud.denoising.smooth import check_sigma
 from ..cloud.points import Points
 from ..engine.kernels.tree import LONGEST, SCATTER, Tree
@@ -33,8 +33,8 @@ class ModelData(NamedTuple):
     smooth: str | float
     drawing: Drawing
     points: Points
-    radii: NDArray[np.float32]
-    bounds: NDArray[np.float64]
+    radii: Floats
+    bounds: Doubles
     tree: Tree
 
     @classmethod
@@ -64,18 +64,18 @@ class ModelData(NamedTuple):
         return sum(array.nbytes for array in arrays if array is not None)
 
     @property
-    def empty_bounds(self) -> NDArray[np.float64]:
+    def empty_bounds(self) -> Doubles:
         """Bounds of a model that no ray can hit, (2, 3), relative to the origin: its points' lower corner, twice."""
         return np.repeat(self.bounds[:1] - self.points.origin, 2, axis=0)
 
     @property
-    def surface_bounds(self) -> NDArray[np.float64]:
+    def surface_bounds(self) -> Doubles:
         """Bounds of all that rays can hit, (2, 3) float64, relative to the origin."""
         found = find_surface_bounds(self.tree)
         return self.empty_bounds if found is None else found
 
     @property
-    def scattered(self) -> NDArray[np.bool_]:
+    def scattered(self) -> Flags:
         """Mask of the points drawn as spheres or as single discs, (n,) bool."""
         mask = np.zeros(len(self.points), np.bool_)
         mask[scattered_rows(self.tree)] = True

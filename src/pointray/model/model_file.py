@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..base.arrays import Doubles, Floats
 from ..base.progress import Progress
 from ..cloud.georeference import Georeference
 from ..cloud.points import FARTHEST, Points
@@ -49,8 +49,8 @@ class Level(NamedTuple):
 
     settings: dict[str, Any]
     points: Points
-    radii: NDArray[np.float32]
-    bounds: NDArray[np.float64]
+    radii: Floats
+    bounds: Doubles
     tree: Tree
 
 

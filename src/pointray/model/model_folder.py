@@ -22,8 +22,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..base.arrays import Doubles, Floats
 from ..base.atomic_write import replacing
 from ..cloud.points import Points
 from ..engine.kernels.tree import BOUNDS, HEAD, LONGEST, SCATTER, Tree, no_tree
@@ -135,7 +135,7 @@ def digest_of(path: Path) -> tuple[int, str]:
 
 
 def write_points(
-    folder: Path, id: str, origin: NDArray[np.float64], columns: Mapping[str, Pieces], report: Report
+    folder: Path, id: str, origin: Doubles, columns: Mapping[str, Pieces], report: Report
 ) -> tuple[int, str]:
     """Write the file with the points of all parts of a model; return its size in bytes and its SHA-256.
 
@@ -149,7 +149,7 @@ def write_points(
     return digest_of(folder / POINTS)
 
 
-def write_part(folder: Path, id: str, number: int, points: int, bounds: NDArray[np.float64], tree: Tree) -> PartFile:
+def write_part(folder: Path, id: str, number: int, points: int, bounds: Doubles, tree: Tree) -> PartFile:
     """Write the file with the tree of a part; return its entry for the index file, without levels.
 
     The entry's spacing is the median of all radii, as if no points were drawn as spheres or discs.
@@ -287,11 +287,11 @@ def _check_index(index: Index) -> None:
             raise ValueError("levels of detail are not from fine to coarse")
 
 
-def _is_box(box: NDArray[np.float64]) -> bool:
+def _is_box(box: Doubles) -> bool:
     return box.shape == (2, 3) and bool(np.isfinite(box).all() and (box[0] <= box[1]).all())
 
 
-def _read_points(folder: Path, index: Index) -> tuple[Points, NDArray[np.float32]]:
+def _read_points(folder: Path, index: Index) -> tuple[Points, Floats]:
     path = folder / POINTS
     with _named(path):
         _check_size(path, index.nbytes)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.arrays import Doubles, Flags, Floats
 from ..cloud.points import Points
 from ..engine.kernels.tree import Tree
 from ..surface.splats.scattered.spheres import Drawing
@@ -49,7 +50,7 @@ class TraceableModel:
         return self.data.points
 
     @property
-    def radii(self) -> NDArray[np.float32]:
+    def radii(self) -> Floats:
         """Support radius of each point, (n,) float32, in the unit of the positions; 0 for points that are left out."""
         return self.data.radii
 
@@ -102,7 +103,7 @@ class TraceableModel:
             self._data = self.data._replace(tree=tree)
 
     @property
-    def bounds(self) -> NDArray[np.float64]:
+    def bounds(self) -> Doubles:
         """Least and greatest world coordinates of the points, (2, 3) float64."""
         return self.data.bounds.copy()
 
@@ -122,7 +123,7 @@ class TraceableModel:
         return self.points.select(rows).changed(positions=positions, normals=normals), rows
 
     @property
-    def scattered(self) -> NDArray[np.bool_]:
+    def scattered(self) -> Flags:
         """Mask of the points drawn as spheres or as single discs, (n,) bool. A new array."""
         return self.data.scattered
 
@@ -137,7 +138,7 @@ class TraceableModel:
         return bool(self.tree.blocks.size)
 
     @cached_property
-    def surface_bounds(self) -> NDArray[np.float64]:
+    def surface_bounds(self) -> Doubles:
         """Bounds of all that rays can hit, (2, 3) float64, relative to the origin: larger than those of the points."""
         return self.data.surface_bounds
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.arrays import Doubles
 from ..engine.jit import Array, borrow, kernel, next_tile, run
 from . import clay
 from .clay import Solid
@@ -71,13 +72,13 @@ def _select(work: Array, solid: Solid, centers: Array, parents: Array, half: flo
         t = next_tile(work)
 
 
-def _subdivide(centers: NDArray[np.float64], edge: float) -> NDArray[np.float64]:
+def _subdivide(centers: Doubles, edge: float) -> Doubles:
     """Return the centres of the eight octants of each cubic cell, (8 n, 3), cell by cell. edge : of the cells"""
     corners = np.array([(i, j, k) for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], np.float64)
     return np.asarray((centers[:, None] + corners * (edge / 4)).reshape(-1, 3))
 
 
-def clay_solid(table: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64], cell: float) -> Solid:
+def clay_solid(table: Doubles, low: Doubles, high: Doubles, cell: float) -> Solid:
     """Return a solid made of strokes (shapes that add or remove clay), with a list of those near each grid cell.
 
     Cells are halved three times where the surface passes through them.

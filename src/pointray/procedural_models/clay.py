@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.arrays import Doubles
 from ..engine.jit import Array, inline, routine
 from ..engine.kernels.vec import Vec3
 from .reliefs import relief
@@ -44,11 +45,11 @@ class Solid(NamedTuple):
     """
 
     kind: int
-    table: NDArray[np.float64]  # (strokes, COLUMNS)
+    table: Doubles  # (strokes, COLUMNS)
     lists: NDArray[np.int32]  # (nx, ny, nz)
     starts: NDArray[np.int32]  # (number of lists + 1,)
     items: NDArray[np.int32]  # stroke numbers
-    origin: NDArray[np.float64]  # (3,) lower corner of the cells
+    origin: Doubles  # (3,) lower corner of the cells
     cell: float  # edge of a cell
 
 

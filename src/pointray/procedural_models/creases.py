@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.arrays import Doubles, Flags
 from ..engine.jit import Array, borrow, kernel, next_tile, run
 from .clay import Solid
 from .solids import NEARLY, settle
@@ -27,13 +28,13 @@ def settle_all(work: Array, solid: Solid, points: Array) -> None:
         t = next_tile(work)
 
 
-def settled(solid: Solid, points: NDArray[np.float64]) -> NDArray[np.float64]:
+def settled(solid: Solid, points: Doubles) -> Doubles:
     """Move points, (n, 3) float64, onto the surface of a solid, in place and to about 1e-6; return them."""
     run(settle_all, -(-len(points) // _CHUNK), solid, points)
     return points
 
 
-def _bent(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.bool_]:
+def _bent(vertices: Doubles, faces: NDArray[np.int32]) -> Flags:
     """Return which faces lie in a crease, (t,) bool.
 
     A crease is at a corner where a face deviates by over 20 degrees from the mean of those that meet there.
@@ -49,15 +50,13 @@ def _bent(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np
     return np.asarray((least < BEND)[faces].any(axis=1))
 
 
-def areas(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+def areas(corners: Doubles) -> Doubles:
     """Return the areas, (t,), of triangles given by their corners, (t, 3, 3)."""
     edges = corners[:, 1:] - corners[:, :1]
     return np.asarray(0.5 * np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1))
 
 
-def refine_creases(
-    solid: Solid, vertices: NDArray[np.float64], faces: NDArray[np.int32], n: int
-) -> NDArray[np.float64]:
+def refine_creases(solid: Solid, vertices: Doubles, faces: NDArray[np.int32], n: int) -> Doubles:
     """Cut the triangles of a mesh into four where the surface bends sharply, so that creases are filled with points.
 
     This is repeated, at most five times, where an edge is longer than the spacing of n points on the surface, and its

@@ -8,6 +8,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.arrays import Doubles, Floats
 from ..engine.jit import Array, borrow, inline, kernel, next_tile, run
 from .clay import Solid
 from .solids import NEARLY, field, settle
@@ -26,9 +27,9 @@ class Grid(NamedTuple):
     values : (nx + 1, ny + 1, nz + 1), the field; far from the surface only its sign, as -1 inside and 1 outside
     """
 
-    low: NDArray[np.float64]  # (3,)
+    low: Doubles  # (3,)
     cell: float
-    values: NDArray[np.float32]  # (nx + 1, ny + 1, nz + 1)
+    values: Floats  # (nx + 1, ny + 1, nz + 1)
 
 
 @kernel
@@ -222,9 +223,7 @@ def _faces(grid: Grid, blocks: Array, numbers: Array, faces: Array) -> int:
     return count
 
 
-def mesh_solid(
-    solid: Solid, low: NDArray[np.float64], high: NDArray[np.float64], cell: float
-) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+def mesh_solid(solid: Solid, low: Doubles, high: Doubles, cell: float) -> tuple[Doubles, NDArray[np.int32]]:
     """Return a closed triangle mesh of the solid's surface.
 
     Parameters

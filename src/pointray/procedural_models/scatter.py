@@ -13,6 +13,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.arrays import Doubles, Floats
 from ..engine.jit import Array, borrow, f32, f64, inline, kernel, next_tile, run, u64
 from ..engine.kernels.vec import Vec3
 from .creases import areas as triangle_areas
@@ -37,14 +38,14 @@ class Bricks(NamedTuple):
     margin : how far a triangle may extend out of its brick
     """
 
-    corners: NDArray[np.float64]  # (t, 3, 3) triangles, sorted
+    corners: Doubles  # (t, 3, 3) triangles, sorted
     first: NDArray[np.int64]  # (bricks + 1,) first triangle of each brick
     cells: NDArray[np.int64]  # (bricks, 3) grid coordinates
     number: NDArray[np.int32]  # (nx, ny, nz) brick at a grid position, or -1
     slot: NDArray[np.int64]  # (bricks + 1,) first slot of each brick
     filled: NDArray[np.int64]  # (bricks,) points so far
-    points: NDArray[np.float32]  # (slots, 3)
-    low: NDArray[np.float64]  # (3,)
+    points: Floats  # (slots, 3)
+    low: Doubles  # (3,)
     edge: float
     margin: float  # how far a triangle may extend out of its brick
 
@@ -227,7 +228,7 @@ def _throw(work: Array, bricks: Bricks, turn: Array, areas: Array, distance: flo
         number = next_tile(work)
 
 
-def _lay_bricks(corners: NDArray[np.float64], areas: NDArray[np.float64], n: int) -> tuple[Bricks, NDArray[np.float64]]:
+def _lay_bricks(corners: Doubles, areas: Doubles, n: int) -> tuple[Bricks, Doubles]:
     """Sort the triangles into bricks (cells of a grid) of about a thousand points; return them and the areas, sorted.
 
     corners : (t, 3, 3) triangles; areas : (t,) of these; n : number of points to spread
@@ -267,7 +268,7 @@ def _hash(numbers: NDArray[np.int64], key: int) -> NDArray[np.uint64]:
     return np.asarray(z ^ (z >> np.uint64(27)))
 
 
-def scatter(corners: NDArray[np.float64], n: int, seed: int) -> NDArray[np.float32]:
+def scatter(corners: Doubles, n: int, seed: int) -> Floats:
     """Spread exactly n points evenly over triangles: blue noise, by throwing darts.
 
     Parameters

@@ -7,8 +7,8 @@ from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..base.arrays import Doubles
 from . import clay
 
 Vector = Sequence[float]
@@ -17,7 +17,7 @@ MIRROR = np.diag([-1.0, 1.0, 1.0])
 UNPAINTED = (-1.0, -1.0, -1.0)  # a relief that only shades the colour below it
 
 
-def rotation(turn: Vector) -> NDArray[np.float64]:
+def rotation(turn: Vector) -> Doubles:
     """Return the (3, 3) matrix of rotations about x, then y, then z. turn : the three angles in degrees"""
     (a, b, c), (d, e, f) = np.cos(np.radians(turn)), np.sin(np.radians(turn))
     x = np.array([[1, 0, 0], [0, a, -d], [0, d, a]])
@@ -35,10 +35,10 @@ class Clay:
     """
 
     def __init__(self) -> None:
-        self._rows: list[NDArray[np.float64]] = []
+        self._rows: list[Doubles] = []
         self._scale, self._turn, self._place = 1.0, np.eye(3), np.zeros(3)
 
-    def table(self) -> NDArray[np.float64]:
+    def table(self) -> Doubles:
         """Return all strokes (shapes that add or remove clay) so far, (strokes, COLUMNS) float64, one row each."""
         return np.array(self._rows)
 
@@ -56,7 +56,7 @@ class Clay:
 
     def _row(
         self, kind: int, op: int = clay.ADD, width: float = 0.02, color: Vector = (0.5, 0.5, 0.5), vein: float = 0.0
-    ) -> NDArray[np.float64]:
+    ) -> Doubles:
         row = np.zeros(clay.COLUMNS)
         row[clay.KIND], row[clay.OP], row[clay.VEIN] = kind, op, vein
         row[clay.WIDTH], row[clay.SCALE] = width * self._scale, self._scale

@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.arrays import Doubles, Flags
 from ..engine.kernels import records as rec
 from ..engine.kernels.records import World
 from ..model.levels_of_detail import COARSER
@@ -121,7 +122,7 @@ class Fitting:
         self._seen = camera, boxes
 
     @cached_property
-    def is_seen(self) -> NDArray[np.bool_]:
+    def is_seen(self) -> Flags:
         camera, boxes = self._seen
         beyond = AROUND * (boxes[:, 3:] - boxes[:, :3])
         return may_see(camera, np.concatenate([boxes[:, :3] - beyond, boxes[:, 3:] + beyond], axis=1))
@@ -206,7 +207,7 @@ def _finest(spp: int | None) -> float:
 
 
 def _repaint(
-    world: World, instances: NDArray[np.float64], rows: NDArray[np.int64], level: NDArray[np.int64], count: int
+    world: World, instances: Doubles, rows: NDArray[np.int64], level: NDArray[np.int64], count: int
 ) -> NDArray[np.int64]:
     """Set the paints (colour tables of attributes) of one model's instances to those of their levels of detail.
 
@@ -223,7 +224,7 @@ def _repaint(
     return level
 
 
-def _scales(instances: NDArray[np.float64]) -> NDArray[np.float64]:
+def _scales(instances: Doubles) -> Doubles:
     """Return the scale factors of the transforms from world to model space, (n,): cube roots of their determinants.
 
     instances : (n, 16), records of instances
@@ -233,7 +234,7 @@ def _scales(instances: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.cbrt(np.abs(volume)))
 
 
-def _pixel_sizes(camera: Camera, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+def _pixel_sizes(camera: Camera, boxes: Doubles) -> Doubles:
     """Return the world size of a pixel at the nearest points of boxes, (n,). boxes : (n, 6), min x y z, max x y z"""
     eye = np.asarray(camera.eye)
     away = np.linalg.norm(np.maximum(np.maximum(boxes[:, :3] - eye, eye - boxes[:, 3:]), 0.0), axis=1)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..base.arrays import Doubles, Flags
 from ..engine.kernels.records import ACROSS, EYE, FORWARD, TOP_BOUNDS, TOP_CENTER, UPWARD
 from .camera import Camera
 from .film import Window
@@ -16,7 +16,7 @@ BEYOND = 4.0  # pixels: filters extend 1.5, and levels of detail extend half a p
 EVERYWHERE: Window = (-np.inf, -np.inf, np.inf, np.inf)
 
 
-def window_of(camera: Camera, top: NDArray[np.float64]) -> Window:
+def window_of(camera: Camera, top: Doubles) -> Window:
     """Return the window (left, top, right, bottom), in pixels, outside of which no camera ray hits a model.
 
     Tiles outside are filled with the background. The window is unbounded for panoramas, with a lens, and if the camera
@@ -41,7 +41,7 @@ def window_of(camera: Camera, top: NDArray[np.float64]) -> Window:
     return x.min() - BEYOND, y.min() - BEYOND, x.max() + BEYOND, y.max() + BEYOND
 
 
-def may_see(camera: Camera, boxes: NDArray[np.float64]) -> NDArray[np.bool_]:
+def may_see(camera: Camera, boxes: Doubles) -> Flags:
     """Return whether camera rays may enter boxes, (n,); True for all with a panorama or a lens.
 
     Parameters

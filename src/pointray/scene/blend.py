@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.arrays import Doubles
 from ..engine.kernels.records import INSTANCE, KIND, MODEL, SHAPE_ROW
 from ..model.model import Model
 from ..surface.trace.cast import PLAIN, Pace, blend_attribute
@@ -62,7 +63,7 @@ def blend(
     records = scene.world.instances.reshape(-1, INSTANCE)
     shapes = np.append(np.where(records[:, KIND] == MODEL, records[:, SHAPE_ROW], -1), -1)
     of_model = shapes[found["instance"]]
-    floats: dict[int, NDArray[np.float64]] = {}  # by id: parts share their columns
+    floats: dict[int, Doubles] = {}  # by id: parts share their columns
     for k, values in form.values.items():
         rows = np.flatnonzero(of_model == k)
         if not len(rows):

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ..base.arrays import Flags
 from ..surface.trace.cast import PLAIN, Pace
 from .blend import blend, hit_attribute
 from .paged_rays import closest_hits_paged, occlusions_paged
@@ -38,7 +38,7 @@ def intersect_snapshot(
     )
 
 
-def occluded_snapshot(scene: Snapshot, shape: tuple[int, ...], rays: Rays, pace: Pace = PLAIN) -> NDArray[np.bool_]:
+def occluded_snapshot(scene: Snapshot, shape: tuple[int, ...], rays: Rays, pace: Pace = PLAIN) -> Flags:
     """Return whether each ray hits anything between t_min and t_max, as an array of the rays' leading shape.
 
     shape, rays : leading shape, and origins, directions (n, 3) and limits (n, 2), as returned by `check_rays`

@@ -5,15 +5,16 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..base.arguments import unit_vector, vector
+from ..base.arrays import Doubles
 from ..engine.kernels.records import CLIP, CLIP_OFFSET
 
 MOST = 16
 
 
-def check_clip(point: ArrayLike, normal: ArrayLike) -> NDArray[np.float64]:
+def check_clip(point: ArrayLike, normal: ArrayLike) -> Doubles:
     """Return point and normal of a clip plane as one array, (2, 3); ValueError if they are invalid.
 
     normal : of any length, points to the side that is cut away
@@ -22,7 +23,7 @@ def check_clip(point: ArrayLike, normal: ArrayLike) -> NDArray[np.float64]:
     return np.stack([vector(point, "point"), vector(normal, "normal")])
 
 
-def check_clips(clips: Any) -> NDArray[np.float64]:
+def check_clips(clips: Any) -> Doubles:
     """Return clip planes as a read-only array, (k, 2, 3): point and normal of each; ValueError if they are invalid.
 
     clips : pairs (point, normal), or rows of six numbers
@@ -49,7 +50,7 @@ def check_clips(clips: Any) -> NDArray[np.float64]:
     return out
 
 
-def clip_records(clips: NDArray[np.float64]) -> NDArray[np.float64]:
+def clip_records(clips: Doubles) -> Doubles:
     """Return the planes' records for kernels, (k * 4,) float64: of each the unit normal n and the offset n . point.
 
     clips : (k, 2, 3), point and normal of each; everything with n . x > offset is cut away

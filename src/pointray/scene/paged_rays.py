@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.arrays import Doubles, Flags
 from ..surface.trace.cast import Pace, closest_hits, occlusions
 from .rays import Rays
 from .world import Snapshot, surface_boxes
@@ -39,7 +40,7 @@ def closest_hits_paged(
         now = scene.opened(parts.open)
 
 
-def occlusions_paged(scene: Snapshot, shape: tuple[int, ...], rays: Rays, pace: Pace) -> NDArray[np.bool_]:
+def occlusions_paged(scene: Snapshot, shape: tuple[int, ...], rays: Rays, pace: Pace) -> Flags:
     """Return whether rays hit anything, (n,) bool, opening parts on disk that they may hit.
 
     shape : leading shape of the rays; rays : origins and directions, (n, 3), and limits t_min, t_max, (n, 2)
@@ -98,9 +99,7 @@ def _begin(scene: Snapshot, rays: Rays) -> tuple[Snapshot, _DiskParts | None]:
     return (scene, _DiskParts(scene, rows, rays)) if len(rows) else (scene, None)
 
 
-def _entry(
-    box: NDArray[np.float64], origins: NDArray[np.float64], directions: NDArray[np.float64], limits: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _entry(box: Doubles, origins: Doubles, directions: Doubles, limits: Doubles) -> Doubles:
     """Return the distances at which rays enter a box, (n,), at least t_min; inf for rays that miss it.
 
     box : (6,), min x y z, max x y z; origins, directions : (n, 3); limits : (n, 2), t_min and t_max

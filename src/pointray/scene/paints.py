@@ -11,6 +11,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.arrays import Doubles, Floats
 from ..cloud.points import Points, categories_of, spread_rows
 from ..engine.kernels import records as rec
 from ..image.tone import srgb_to_linear
@@ -74,7 +75,7 @@ class ColoredInstance(NamedTuple):
 
     attribute: Attribute
     model: Model
-    to_model: NDArray[np.float64]
+    to_model: Doubles
 
 
 class PaintTables(NamedTuple):
@@ -85,9 +86,9 @@ class PaintTables(NamedTuple):
     map_colors : (m * 3,), linear RGB of all colour maps, each followed by its colour for missing values
     """
 
-    paints: NDArray[np.float64]
-    map_positions: NDArray[np.float32]
-    map_colors: NDArray[np.float32]
+    paints: Doubles
+    map_positions: Floats
+    map_colors: Floats
 
 
 Painted = tuple[Attribute, Model]
@@ -101,8 +102,8 @@ class JoinedPositions(NamedTuple):
     """
 
     painted: list[Painted]
-    positions: NDArray[np.float32]
-    on_disk: dict[Painted, NDArray[np.float32]]
+    positions: Floats
+    on_disk: dict[Painted, Floats]
 
 
 class Paints:
@@ -156,10 +157,10 @@ class Paints:
 
     def place(
         self,
-        paints: NDArray[np.float64],
+        paints: Doubles,
         paint_sources: Sequence[tuple[Attribute, Model | None]],
         painted: list[Painted],
-    ) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+    ) -> tuple[Doubles, Floats]:
         """Return the records of paints, and the map positions of the splats of some models, which are opened.
 
         A paint turns attribute values into colours; a map position is the place of a splat's value in the colour map.
@@ -201,7 +202,7 @@ class Paints:
                 shown[a] = a if a.range is not None else replace(a, range=_widest(found))
         return shown
 
-    def _join(self, painted: list[Painted]) -> NDArray[np.float32]:
+    def _join(self, painted: list[Painted]) -> Floats:
         """Return the map positions (places of values in the colour map) of all splats of some models, concatenated.
 
         painted : attributes and models; cached positions of models on disk are reused
@@ -292,7 +293,7 @@ def _widest(ranges: list[Range]) -> Range:
     return low - room, high + room
 
 
-def _map_positions(attribute: Attribute, model: Model) -> NDArray[np.float32]:
+def _map_positions(attribute: Attribute, model: Model) -> Floats:
     """Return the place in the colour map of each splat's value, (n,), in the order of the model's tree.
 
     Places go from 0 to the number of colours; values outside the range are clamped, and unknown categories are NaN.
@@ -317,7 +318,7 @@ def _map_positions(attribute: Attribute, model: Model) -> NDArray[np.float32]:
     return out
 
 
-def _record_coordinate(record: NDArray[np.float64], attribute: Attribute) -> None:
+def _record_coordinate(record: Doubles, attribute: Attribute) -> None:
     """Store in a paint's record the linear function from a world coordinate to the place in the colour map.
 
     record : (8,), to be filled, by which kernels colour an instance; attribute : x, y or z, with its range

@@ -7,6 +7,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.arrays import Doubles
 from ..engine.kernels.records import BY_COORDINATE, INSTANCE, PAINT, PAINT_KIND, PAINT_SIZE, SHAPE_ROW, World
 from ..engine.kernels.tree import Tree, model_table, no_tree
 from ..model.model import Model
@@ -34,7 +35,7 @@ def table_of(models: Sequence[Model], used: Collection[int] = ()) -> tuple[NDArr
 
 def world_showing(
     world: World,
-    records: NDArray[np.float64],
+    records: Doubles,
     models: Sequence[Model],
     used: Collection[int],
     painting: tuple[Paints, PaintSources],
@@ -69,6 +70,6 @@ def world_showing(
     return world._replace(paints=placed, map_positions=positions)
 
 
-def instances_of(world: World) -> NDArray[np.float64]:
+def instances_of(world: World) -> Doubles:
     """Return the records of a world's instances, (n, INSTANCE) float64, as a view of its flat array."""
     return world.instances.reshape(-1, INSTANCE)

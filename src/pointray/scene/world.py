@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.arrays import Doubles
 from ..engine.kernels import records as rec
 from ..engine.kernels.records import LightTree, World
 from ..image.tone import srgb_to_linear
@@ -33,8 +34,8 @@ class LightTables(NamedTuple):
     lamps : tree of the area lights, by their bounds in the world; suns : tree of the suns with a disk, by direction
     """
 
-    lights: NDArray[np.float64]
-    light_shares: NDArray[np.float64]
+    lights: Doubles
+    light_shares: Doubles
     lamps: LightTree
     suns: LightTree
 
@@ -94,15 +95,15 @@ class Snapshot(NamedTuple):
     lamps: tuple[Light, ...]
     numbers: NDArray[np.int32]
     keys: NDArray[np.int32]
-    boxes: NDArray[np.float64]
+    boxes: Doubles
     shown: tuple[Attribute, ...]
     painting: tuple[Paints, PaintSources]
-    background: NDArray[np.float64] | None
+    background: Doubles | None
     shows_sky: bool
     baked: BakedLight | None
 
     @property
-    def bounds(self) -> NDArray[np.float64]:
+    def bounds(self) -> Doubles:
         """World bounds of all models, minimum and maximum, (2, 3) float64; ValueError without models."""
         return bounds_of(self.world.instances.reshape(-1, rec.INSTANCE), self.boxes)
 
@@ -132,7 +133,7 @@ class Snapshot(NamedTuple):
         used = set(records[rows, rec.SHAPE_ROW].astype(int).tolist())
         return self._replace(world=world_showing(self.world, records, self.models, used, self.painting))
 
-    def for_camera(self, record: NDArray[np.float64]) -> Snapshot:
+    def for_camera(self, record: Doubles) -> Snapshot:
         """Return the scene with the lights that follow the camera fixed in world space, as they stand for one camera.
 
         `lamps` stays unchanged: it shows which lights follow the camera.
@@ -162,7 +163,7 @@ class Snapshot(NamedTuple):
         return self._replace(world=world._replace(**lights._asdict()), lamps=lamps)
 
 
-def bounds_of(records: NDArray[np.float64], boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+def bounds_of(records: Doubles, boxes: Doubles) -> Doubles:
     """Return the world bounds of all models among instances, (2, 3) float64; ValueError without models.
 
     records : (n, 16), records of the instances, with kind and transform; boxes : (n, 6), their world bounds
@@ -173,7 +174,7 @@ def bounds_of(records: NDArray[np.float64], boxes: NDArray[np.float64]) -> NDArr
     return bounds
 
 
-def _model_bounds(records: NDArray[np.float64], boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+def _model_bounds(records: Doubles, boxes: Doubles) -> Doubles:
     """Return the world bounds of all models among instances, (2, 3) float64; an infinite, inverted box without models.
 
     records : (n, 16), records of the instances, with kind and transform; boxes : (n, 6), their world bounds
@@ -185,8 +186,8 @@ def _model_bounds(records: NDArray[np.float64], boxes: NDArray[np.float64]) -> N
 def take_snapshot(
     instances: Instances,
     lights: Lights,
-    clips: NDArray[np.float64],
-    background: NDArray[np.float64] | None,
+    clips: Doubles,
+    background: Doubles | None,
     shows_sky: bool,
     baked: BakedLight | None,
 ) -> Snapshot:
@@ -237,9 +238,7 @@ def take_snapshot(
     )
 
 
-def _light_tables(
-    lamps: Sequence[Light], sky: NDArray[np.float64], sky_mean: NDArray[np.float64], bounds: NDArray[np.float64]
-) -> LightTables:
+def _light_tables(lamps: Sequence[Light], sky: Doubles, sky_mean: Doubles, bounds: Doubles) -> LightTables:
     """Return the tables of lights that kernels read.
 
     lamps : all lights but the environment light
@@ -253,7 +252,7 @@ def _light_tables(
     return LightTables(records, shares, with_size, suns)
 
 
-def _top(instances: Instances, models: list[Model]) -> tuple[NDArray[np.float64], ...]:
+def _top(instances: Instances, models: list[Model]) -> tuple[Doubles, ...]:
     """Return `World.top`, `top_boxes` and `top_children`: the BVH over the world boxes of all instances of models.
 
     Its boxes bound the surfaces of the full models; coarser levels that extend beyond them are clipped. Boxes around
@@ -263,9 +262,7 @@ def _top(instances: Instances, models: list[Model]) -> tuple[NDArray[np.float64]
     return build_top(surface_boxes(instances.records, models, rows), rows)
 
 
-def surface_boxes(
-    records: NDArray[np.float64], models: Sequence[Model], rows: NDArray[np.int64]
-) -> NDArray[np.float64]:
+def surface_boxes(records: Doubles, models: Sequence[Model], rows: NDArray[np.int64]) -> Doubles:
     """Return world boxes around the surfaces of some instances, (n, 6): min x y z, max x y z.
 
     They have a margin, so that a ray enters a box before its hits and the order of instances does not matter.

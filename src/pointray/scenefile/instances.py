@@ -9,6 +9,7 @@ import numpy as np
 from numpy.lib.format import open_memmap
 from numpy.typing import NDArray
 
+from ..base.arrays import Doubles
 from ..base.atomic_write import check_regular
 from ..scene.clips import MOST, check_clip
 from ..scene.instances import Plane, check_transform
@@ -41,7 +42,7 @@ class Placement(NamedTuple):
 
     key: Key
     shape: str | Plane
-    matrix: NDArray[np.float64]
+    matrix: Doubles
     matrices: Path | None
     material: str | None
 
@@ -82,7 +83,7 @@ def check_plane(source: Source, key: Key, materials: Any) -> Placement:
     return _placement(source, key, plane, values, materials)
 
 
-def check_clip_plane(source: Source, key: Key) -> NDArray[np.float64]:
+def check_clip_plane(source: Source, key: Key) -> Doubles:
     """Check a table of `clips`, planes that cut the scene, and return its point and normal, (2, 3) float64.
 
     key : path of the table in the scene file, such as ("clips", 0)
@@ -111,7 +112,7 @@ def count_matrices(placement: Placement) -> int:
     return 1 if placement.matrices is None else len(_open_matrices(placement.matrices))
 
 
-def load_matrices(source: Source, placement: Placement) -> list[NDArray[np.float64]]:
+def load_matrices(source: Source, placement: Placement) -> list[Doubles]:
     """Return the model-to-world matrices, (4, 4) float64, of all instances that a table makes; read their file, if any.
 
     Errors name the line in the scene file and the row of the matrix.

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.arrays import Doubles
 from ..base.choices import COLORMAPS
 
 TABLES = Path(__file__).with_name("colormaps.npz")
@@ -50,5 +51,5 @@ def _of_matplotlib(name: str) -> NDArray[np.uint8]:
         known, more = {}, "or with matplotlib (pip install 'pointray[plot]') any of its maps"
     if name not in known:
         raise ValueError(f"unknown colormap {name!r}: expected {', '.join(COLORMAPS)}, {more}; add _r to reverse")
-    colors: NDArray[np.float64] = known[name](np.arange(known[name].N))
+    colors: Doubles = known[name](np.arange(known[name].N))
     return np.rint(255 * colors[:, :3]).astype(np.uint8)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..base.arrays import Floats
 from ..base.extras import require
 
 
-def read_picture(path: str | os.PathLike[str]) -> NDArray[np.float32]:
+def read_picture(path: str | os.PathLike[str]) -> Floats:
     """Read the linear pixels of an environment image, such as a Radiance .hdr or an OpenEXR file.
 
     Returns

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
 from .. import __version__
+from ..base.arrays import Doubles
 from ..cloud.points import Points
 from ..image.legend import draw_legend
 from ..rendering.camera import Camera
@@ -100,7 +100,7 @@ class Outbox:
         self._toasts[text] = now
         self.send_message(type="toast", level=level, text=text if self.is_local else FOLDERS.sub("", text), stay=stay)
 
-    def found(self, found: Found, first: NDArray[np.float64] | None) -> None:
+    def found(self, found: Found, first: Doubles | None) -> None:
         """Send the surface point that the user has clicked, with its description.
 
         first : (3,), world position of the point clicked before, to which the distance is sent, too; None: no distance

@@ -18,6 +18,7 @@ from PIL import Image
 from ..auto_view.first_view import Scan
 from ..auto_view.studio import with_direct_light
 from ..baking.baked import Baked
+from ..base.arrays import Floats
 from ..engine.jit import Cancel
 from ..image.screen import to_8bit
 from ..image.tone import backdrop_rows
@@ -331,7 +332,7 @@ class Painter:
             return self._request is request and self._open
 
     def _send(
-        self, request: FrameRequest, image: NDArray[np.float32], stage: Stage, samples: tuple[int, int], seconds: float
+        self, request: FrameRequest, image: Floats, stage: Stage, samples: tuple[int, int], seconds: float
     ) -> None:
         """Expose and encode an image, and deliver it to the page.
 
@@ -354,7 +355,7 @@ class Painter:
         rays = width * height * samples[1]
         self._deliver(Frame(self._drawn, request, (width, height), stage, samples[0], jpeg, seconds, rays))
 
-    def _tone(self, request: FrameRequest, image: NDArray[np.float32], stage: Stage) -> tuple[float, str]:
+    def _tone(self, request: FrameRequest, image: Floats, stage: Stage) -> tuple[float, str]:
         """Return the exposure (stops) and tone curve (its name) of an image, (h, w, 4) float32.
 
         Automatic values are chosen again when the panel's settings or the scene change; the exposure also when a still

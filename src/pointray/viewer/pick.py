@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..base.arrays import Doubles
 from ..cloud.georeference import RESIDUAL
 from ..model.model import Model
 from ..rendering.camera import Camera
@@ -26,7 +26,7 @@ class Found:
     position : (3,), world; lines : its coordinates, normal and attributes as text
     """
 
-    position: NDArray[np.float64]
+    position: Doubles
     lines: list[str]
 
 

@@ -8,9 +8,7 @@ from collections.abc import Callable
 from concurrent.futures import Executor, ThreadPoolExecutor
 from typing import Generic, NamedTuple, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
+from ..base.arrays import Doubles
 from ..scene.scene import Scene
 from ..shade.attributes import Attribute
 from .outbox import Outbox, legend_of
@@ -98,7 +96,7 @@ class Lookups:
         show_legend: Callable[[FrameRequest, Attribute, str], None],
     ) -> None:
         self._outbox, self._apply, self._show_legend = outbox, apply, show_legend
-        self._found: NDArray[np.float64] | None = None  # the last point found
+        self._found: Doubles | None = None  # the last point found
         self._state = threading.Lock()  # guards the next two
         self._prepared = self._stopped = False
         self._jobs = ThreadPoolExecutor(1, "pointray-pick")

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..auto_view.studio import CLAY, HORIZON, KEY, KEY_DIRECTION
+from ..base.arrays import Doubles, Floats
 from ..cloud.points import Points
 from ..image.tone import srgb_to_linear
 from ..rendering.camera import Camera, view_axes
@@ -59,7 +60,7 @@ class Sketch:
             self._normals = _plane_normals(self.points.positions, near)
         self._colors = np.concatenate([_linear_colors(cloud) for cloud in drawn])
 
-    def draw(self, camera: Camera) -> NDArray[np.float32]:
+    def draw(self, camera: Camera) -> Floats:
         """Return an image of the points as shaded dots: (h, w, 4) float32, linear with alpha, like that of `render`.
 
         If dots would be large, the image is smaller than the camera's size.
@@ -79,7 +80,7 @@ class Sketch:
         image[hit, 3] = 1.0
         return image
 
-    def _camera_coordinates(self, camera: Camera) -> tuple[NDArray[np.float64], ...]:
+    def _camera_coordinates(self, camera: Camera) -> tuple[Doubles, ...]:
         """Return the points' coordinates relative to the eye: to the right, up and along the view, (n,) each."""
         eye = np.asarray(camera.eye) - self.points.origin
         forward, right, top = view_axes(np.subtract(camera.target, camera.eye), np.asarray(camera.up, np.float64))
@@ -94,7 +95,7 @@ class Sketch:
         self,
         column: NDArray[np.int64],
         row: NDArray[np.int64],
-        depth: NDArray[np.float64],
+        depth: Doubles,
         radius: float,
         shape: tuple[int, int],
     ) -> NDArray[np.int64]:
@@ -118,7 +119,7 @@ class Sketch:
                 np.minimum.at(buffer, (y * width + x)[inside], keys[inside])
         return np.where(buffer == none, -1, buffer & 0xFFFFFFFF).reshape(shape)
 
-    def _shade(self, camera: Camera, rows: NDArray[np.int64]) -> NDArray[np.float32]:
+    def _shade(self, camera: Camera, rows: NDArray[np.int64]) -> Floats:
         """Return linear colours, (n, 3), of points in the studio's key light and sky; both sides are shaded alike.
 
         rows : (n,), indices of the points
@@ -134,7 +135,7 @@ class Sketch:
         return np.asarray(self._colors[rows] * bright[:, None], np.float32)
 
 
-def _pixels(camera: Camera, depth: NDArray[np.float64]) -> NDArray[np.float64]:
+def _pixels(camera: Camera, depth: Doubles) -> Doubles:
     """Return the length in pixels of one world unit. depth : its distances along the view, of any shape"""
     half = np.tan(np.radians(camera.fov) / 2)
     if camera.projection == "orthographic":
@@ -148,19 +149,19 @@ def _smaller(camera: Camera, times: float) -> Camera:
     return replace(camera, size=(max(1, round(width / times)), max(1, round(height / times)))) if times > 1 else camera
 
 
-def _joined_normals(parts: Sequence[NDArray[np.float32] | None]) -> NDArray[np.float32] | None:
+def _joined_normals(parts: Sequence[Floats | None]) -> Floats | None:
     """Concatenate the normals of several clouds, (n, 3) each; None if any cloud has none."""
     known = [part for part in parts if part is not None]
     return np.nan_to_num(np.concatenate(known)) if len(known) == len(parts) else None
 
 
-def _linear_colors(cloud: Points) -> NDArray[np.float32]:
+def _linear_colors(cloud: Points) -> Floats:
     if cloud.colors is None:
         return np.full((len(cloud), 3), CLAY, np.float32)
     return np.asarray(srgb_to_linear(cloud.colors / 255.0), np.float32)
 
 
-def _plane_normals(positions: NDArray[np.float32], near: NDArray[np.int64]) -> NDArray[np.float64]:
+def _plane_normals(positions: Floats, near: NDArray[np.int64]) -> Doubles:
     """Return normals of planes fitted to neighbours, (n, 3), with arbitrary sign.
 
     near : (n, k), indices of each point's nearest points, including itself

@@ -9,12 +9,12 @@ from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..auto_view import HEADLIGHT, STUDIO
 from ..auto_view.direction import axes_of
 from ..auto_view.studio import CLAY
 from ..base.arguments import Vector
+from ..base.arrays import Floats
 from ..base.choices import AUTO, EXPOSED, SAME
 from ..cloud.georeference import RESIDUAL
 from ..image.exposure import tone_of, white_under
@@ -235,7 +235,7 @@ class ViewSettings:
         """Whether exposure is automatic: chosen by the user, and the image shows light, not normals or depth."""
         return self.exposes and self.integrator in EXPOSED
 
-    def tone(self, image: NDArray[np.float32]) -> tuple[float, str]:
+    def tone(self, image: Floats) -> tuple[float, str]:
         """Return exposure (stops) and tone curve (its name) for an image, (h, w, 4) float32, linear."""
         if not self.auto_exposed:
             return tone_of(image, self.exposure, self.curve)

@@ -7,8 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Flags
 
-def connected_components(near: NDArray[np.integer[Any]], is_linked: NDArray[np.bool_]) -> NDArray[np.int32]:
+
+def connected_components(near: NDArray[np.integer[Any]], is_linked: Flags) -> NDArray[np.int32]:
     """Return the connected component of each of n points, (n,) int32 numbers, in a graph of neighbours.
 
     near : (n, k) rows of each point's neighbours

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...base.arrays import Doubles, Floats
 from ...engine.jit import Array, borrow, f64, kernel, next_tile, run
 
 CHUNK = 1 << 14  # vectors of a tile
@@ -31,7 +31,7 @@ def _to_units(work: Array, vectors: Array, units: Array, lengths: Array) -> None
         tile = next_tile(work)
 
 
-def to_units(vectors: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+def to_units(vectors: Floats) -> tuple[Floats, Doubles]:
     """Return unit vectors, (n, 3), and their lengths before, (n,); both are 0 where a vector is zero or not finite."""
     units, lengths = np.empty_like(vectors, order="C"), np.empty(len(vectors))
     run(_to_units, -(-len(vectors) // CHUNK), np.ascontiguousarray(vectors), units, lengths)

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Doubles
 from ...base.progress import Progress
 from ...cloud.georeference import Georeference
 from ...cloud.points import Points
@@ -43,7 +43,7 @@ class Request(NamedTuple):
     """
 
     columns: tuple[str, ...] | None = None
-    bounds: NDArray[np.float64] | None = None
+    bounds: Doubles | None = None
     resolution: float | None = None
     sample: int | None = None
     opacity: float = 0.1

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Doubles
 from ..colors import ColorRange
 
 POSITIONS, NORMALS, COLORS = ("x", "y", "z"), ("nx", "ny", "nz"), ("r", "g", "b")
@@ -23,7 +24,7 @@ CLEAR_RATIO = 0.7  # colour channels must differ less from each other than from 
 ADVICE = "name the columns with --columns x,y,z,r,g,b,..."
 SAMPLE = 10_000  # rows of an array that are examined
 
-Values = NDArray[np.float64]
+Values = Doubles
 
 
 class UndecidedError(ValueError):

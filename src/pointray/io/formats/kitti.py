@@ -11,8 +11,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...base.arrays import Floats
 from ...cloud.georeference import Georeference
 from ._named_columns import roles_of
 from ._source import CHUNK, MAYBE, NO, Chunk, Faults, Format, Listing, Request, Source
@@ -44,19 +44,19 @@ def _widths(path: Path) -> tuple[int, ...]:
     return (5,) if path.name.lower().endswith(".pcd.bin") else tuple(LAYOUTS)
 
 
-def _rows(head: bytes, width: int) -> NDArray[np.float32]:
+def _rows(head: bytes, width: int) -> Floats:
     count = min(len(head) // (4 * width), HEAD_ROWS)
     return np.frombuffer(head, "<f4", count * width).reshape(count, width)
 
 
-def _is_plausible(rows: NDArray[np.float32]) -> bool:
+def _is_plausible(rows: Floats) -> bool:
     size = np.abs(rows)
     if not len(rows) or not (size < FARTHEST).all() or size[:, :3].max() < NEAREST:  # also excludes NaN
         return False
     return bool(((size == 0) | (size > TINY)).all())
 
 
-def _fits(rows: NDArray[np.float32]) -> bool:
+def _fits(rows: Floats) -> bool:
     """Whether the values of (n, k) rows after x, y, z are plausible for the lidar layout with k columns."""
     more = rows[:, 3:]
     if not _is_plausible(rows) or (more < 0).any():

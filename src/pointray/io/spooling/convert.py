@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Doubles
 from ...base.disk_columns import Column, Columns
 from ...base.progress import Progress, part_of, report_progress
 from ...cloud.georeference import RESIDUAL, SCAN, Georeference
@@ -122,7 +123,7 @@ class Located(NamedTuple):
         Rounding errors of the finite rows, in steps of the files' integer coordinates; None if float32 loses nothing.
     """
 
-    origin: NDArray[np.float64]
+    origin: Doubles
     georeference: Georeference
     rows: int
     left_out: Column | None

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...base.arrays import Doubles
 from ...base.disk_columns import Columns
 from ...cloud.georeference import Georeference
 from .raw import RAW
@@ -37,7 +37,7 @@ class Spooled(NamedTuple):
     """
 
     rows: int
-    origin: NDArray[np.float64]
+    origin: Doubles
     georeference: Georeference
     attributes: list[str]
     normals: bool

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.arrays import Rows
+from ...base.arrays import Flags, Rows
 from ...base.disk_columns import Column
 from ...cloud.neighbors import NeighborTree
 from ...cloud.normals.layers import KEPT, signs_facing
@@ -69,7 +69,7 @@ class Facing:
     def _examine(self, firsts: Rows, shared: list[Shared], part: int) -> Outlook:
         return self._signs.examine(self._load(part, alone=True), part, firsts, shared[part])
 
-    def _known_groups(self, firsts: Rows, known: Column, groups: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    def _known_groups(self, firsts: Rows, known: Column, groups: int) -> tuple[Flags, Flags]:
         """Return which groups of points contain signs known from scanner positions, and which of these to invert.
 
         A group is a connected set of points whose normals are consistent with each other. Both results are masks,

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Floats
 from ...base.disk_columns import Column, Columns
 from ...base.progress import Progress, report_progress
 from ...engine.kernels.tree import LONGEST
@@ -180,7 +181,7 @@ def _splats_of(layer: Layer) -> Splats:
     return Splats(*arrays)
 
 
-def _show(layer: Layer, size: int, part: int) -> tuple[Groups, NDArray[np.float32]]:
+def _show(layer: Layer, size: int, part: int) -> tuple[Groups, Floats]:
     """Return the bounds of a part that the trees of other parts need: of each 64 blocks, and (6,) of all its supports.
 
     layer : splats of all parts; size : number of splats of each part

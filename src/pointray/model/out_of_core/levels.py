@@ -12,8 +12,8 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...base.arrays import Doubles
 from ...base.disk_columns import Columns
 from ...cloud.statistics import quantize
 from ...surface.splats.averages import have_categories
@@ -54,7 +54,7 @@ class Steps(NamedTuple):
 
 
 def write_levels(
-    work: Work, whole: Layer, named: ModelInfo, cells: NDArray[np.float64], parts: list[PartFile], span: Span
+    work: Work, whole: Layer, named: ModelInfo, cells: Doubles, parts: list[PartFile], span: Span
 ) -> list[PartFile]:
     """Write the files of all levels of detail of a surface in parts; return the parts' index entries, with levels.
 
@@ -159,7 +159,7 @@ def _shaped(
     layer: Layer,
     cell: float,
     named: ModelInfo,
-    cells: NDArray[np.float64],
+    cells: Doubles,
     written: list[LevelProgress | None],
     span: Span,
 ) -> list[Facts]:

@@ -8,6 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Flags
+
 Numbers = NDArray[np.int64]
 
 
@@ -17,6 +19,6 @@ def distinct_numbers(numbers: Numbers) -> Numbers:
     return ordered[np.append(True, ordered[1:] != ordered[:-1])] if len(ordered) else ordered
 
 
-def isin_sorted(known: Numbers, numbers: Numbers) -> NDArray[np.bool_]:
+def isin_sorted(known: Numbers, numbers: Numbers) -> Flags:
     """Return which numbers are in `known`, which is ascending and not empty; much faster than `np.isin`."""
     return np.asarray(known[np.minimum(np.searchsorted(known, numbers), len(known) - 1)] == numbers)

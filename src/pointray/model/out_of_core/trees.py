@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Doubles, Floats
 from ...cloud.statistics import quantize
 from ...engine.kernels.tree import BLOCK, CELL, LEAF, RADIUS, Tree
 from ...surface.tree.blocks import PER_BLOCK, make_blocks
@@ -40,7 +41,7 @@ class Plan(NamedTuple):
 
     size: int
     groups: Groups
-    supports: NDArray[np.float32]
+    supports: Floats
     reference: float
 
 
@@ -49,7 +50,7 @@ def least_size(count: int) -> int:
     return GROUP * groups_per_root(-(-count // GROUP))
 
 
-def shown(splats: Splats, size: int, part: int) -> tuple[Groups, NDArray[np.float32]]:
+def shown(splats: Splats, size: int, part: int) -> tuple[Groups, Floats]:
     """Return the bounds of a part that the trees of other parts need: of each 64 blocks, and (6,) of all its supports.
 
     splats : splats of all parts, whose fields may be columns on disk; size : number of splats of each part
@@ -59,7 +60,7 @@ def shown(splats: Splats, size: int, part: int) -> tuple[Groups, NDArray[np.floa
     return groups_of(*make_blocks(mine.positions, mine.normals, mine.radii, order)), bounds_of(mine)
 
 
-def plan_of(parts: list[tuple[Groups, NDArray[np.float32]]], radii: Any, size: int) -> Plan:
+def plan_of(parts: list[tuple[Groups, Floats]], radii: Any, size: int) -> Plan:
     """Return the values that the trees of all parts share, from the bounds of each part and the radii of all splats.
 
     parts : for each part the bounds of each 64 blocks, and (6,) of all its supports, as `shown` returns them
@@ -84,14 +85,12 @@ def tree_of(splats: Splats, plan: Plan, part: int, settings: TreeSettings) -> Tr
     return without_unused(build_tree(part_of(splats, rows[rows < count]), settings, in_order=True, whole=whole))
 
 
-def cells_of(plan: Plan) -> NDArray[np.float64]:
+def cells_of(plan: Plan) -> Doubles:
     """Return the space of each part, (parts, 6), low x y z, high x y z: cut by the same planes as the whole tree."""
     return cells_of_parts(plan.groups, plan.size // GROUP)
 
 
-def tree_within(
-    splats: Splats, box: NDArray[np.float64], shared: tuple[NDArray[np.float32], float], settings: TreeSettings
-) -> Tree:
+def tree_within(splats: Splats, box: Doubles, shared: tuple[Floats, float], settings: TreeSettings) -> Tree:
     """Build a tree of splats that covers only the space within a box.
 
     splats : splats in kd order, which may reach beyond the box; box : (6,) low x y z, high x y z
@@ -103,7 +102,7 @@ def tree_within(
     return without_unused(build_tree(splats, settings, in_order=True, whole=WholeModel(top, *shared)))
 
 
-def with_margins(tree: Tree, box: NDArray[np.float64]) -> Tree:
+def with_margins(tree: Tree, box: Doubles) -> Tree:
     """Return the tree of a level of detail of a part, with a tolerance at the box's faces beyond which other parts lie.
 
     Beyond a face another level may be shown, whose surface is slightly higher or lower: a shadow ray that starts on the
@@ -122,7 +121,7 @@ def with_margins(tree: Tree, box: NDArray[np.float64]) -> Tree:
     return tree._replace(noise=noise)
 
 
-def bounds_about(positions: NDArray[np.float32], origin: NDArray[np.float64]) -> NDArray[np.float64]:
+def bounds_about(positions: Floats, origin: Doubles) -> Doubles:
     """Return the bounding box of positions, (2, 3) float64, in world coordinates.
 
     origin : world position of their origin
@@ -141,7 +140,7 @@ def box_around(boxes: NDArray[Any]) -> NDArray[Any]:
     return np.concatenate([boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)])
 
 
-def nth_least(read: Callable[[], Iterable[NDArray[np.float32]]], n: int) -> float:
+def nth_least(read: Callable[[], Iterable[Floats]], n: int) -> float:
     """Return the n-th (from 0) of many positive values in ascending order, without having all in memory.
 
     read : yields all values, in chunks; called twice
@@ -154,5 +153,5 @@ def nth_least(read: Callable[[], Iterable[NDArray[np.float32]]], n: int) -> floa
     return float(np.array([high << 16 | low], np.int32).view(np.float32)[0])
 
 
-def _bits_of(chunks: Iterable[NDArray[np.float32]]) -> Iterator[NDArray[np.int32]]:
+def _bits_of(chunks: Iterable[Floats]) -> Iterator[NDArray[np.int32]]:
     return (np.ascontiguousarray(chunk).view(np.int32) for chunk in chunks)

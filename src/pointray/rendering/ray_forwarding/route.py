@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Doubles, Flags
 from ...engine.jit import Array, borrow, kernel, next_tile, run
 from ...engine.kernels.vec import load3_flat
 
@@ -45,9 +46,7 @@ def _route(work: Array, rays: Array, boxes: Array, owners: Array, out: Array) ->
         batch = next_tile(work)
 
 
-def route(
-    rays: NDArray[np.float64], boxes: NDArray[np.float64], owners: NDArray[np.int64], count: int, threads: int | None
-) -> NDArray[np.bool_]:
+def route(rays: Doubles, boxes: Doubles, owners: NDArray[np.int64], count: int, threads: int | None) -> Flags:
     """Return for each ray the owners (workers) with a box that the ray enters, (n, count) bool: it is sent to these.
 
     Parameters

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.arrays import Floats
+from ...base.arrays import Doubles, Floats
 from ...engine.jit import Array, run
 from ...engine.kernels.records import World
 from ...engine.kernels.scratch import TILE
@@ -32,7 +32,7 @@ class Question(NamedTuple):
     closest : number of closest-hit rays, which come first; the others are occlusion rays
     """
 
-    rays: NDArray[np.float64]
+    rays: Doubles
     slots: NDArray[np.uint8]
     closest: int
 
@@ -55,7 +55,7 @@ class Answer(NamedTuple):
     """
 
     met: NDArray[np.uint8]
-    facts: NDArray[np.float64]
+    facts: Doubles
 
     @property
     def nbytes(self) -> int:
@@ -86,7 +86,7 @@ class KernelArguments:
 
     kernel: Any
     world: World
-    camera: NDArray[np.float64]
+    camera: Doubles
     job: Pass
     film: Floats
     image: Floats

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ...base.arguments import reflectance
+from ...base.arrays import Doubles
 from ...engine.kernels.records import BASE_COLOR, MATERIAL_KIND, MATERIAL_SIZE, OWN_COLOR
 from ..attributes import Attribute
 
 Color = ArrayLike | Attribute | None
 
 
-def record_of(kind: int, color: Color, name: str = "color") -> NDArray[np.float64]:
+def record_of(kind: int, color: Color, name: str = "color") -> Doubles:
     """Return the record for kernels of a material, (10,) float64, with kind and colour set; validate the colour.
 
     kind : such as `records.DIFFUSE`; color : 0 to 1, None or an Attribute for the surface's own; name : for messages
@@ -29,7 +30,7 @@ class Material:
     def __post_init__(self) -> None:
         self.record()
 
-    def record(self) -> NDArray[np.float64]:
+    def record(self) -> Doubles:
         """Return the material's record for kernels, (10,) float64, see `records.MATERIAL_SIZE`.
 
         Raises

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Doubles
 from ...cloud.points import FEWEST_ROWS, MOST_LABELS, categories_of, is_label
 
 KNOWN = 0.5  # share of a group's values that must be finite; otherwise the mean is NaN
@@ -89,7 +90,7 @@ def _means(
     return np.where(enough, _between(mean, low, high), np.nan).astype(values.dtype)
 
 
-def _between(mean: NDArray[np.float64], low: NDArray[Any], high: NDArray[Any]) -> NDArray[Any]:
+def _between(mean: Doubles, low: NDArray[Any], high: NDArray[Any]) -> NDArray[Any]:
     """Convert means to the dtype of `low` and `high`, the extremes of the averaged values, and clip them to these."""
     inside = (mean > low) & (mean < high)
     return np.where(inside, np.where(inside, mean, 0).astype(low.dtype), np.where(mean <= low, low, high))

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Flags, Floats
 from ...engine.jit import Array, borrow, f64, i64, inline, keep_alive, kernel, next_tile, run
 from ...engine.kernels.vec import Vec3, tangents
 
@@ -121,11 +122,11 @@ def _find_gaps(work: Array, positions: Array, normals: Array, rows: Array, near:
 
 
 def find_gaps(
-    positions: NDArray[np.float32],
-    normals: NDArray[np.float32],
+    positions: Floats,
+    normals: Floats,
     rows: NDArray[np.int64],
     near: NDArray[np.integer[Any]],
-) -> NDArray[np.float32]:
+) -> Floats:
     """Find the outward direction of points on a possible open border.
 
     It is the middle of the widest gap between the directions of neighbours in the tangent plane, if over 115 degrees.
@@ -151,7 +152,7 @@ def find_gaps(
     return out
 
 
-def isolated_borders(found: NDArray[np.bool_], near: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
+def isolated_borders(found: Flags, near: NDArray[np.integer[Any]]) -> Flags:
     """Return which border points have fewer than two neighbours on a border, (m,): single gaps occur by chance.
 
     found : (n,) bool, border points; near : (m, k), rows of border points and their neighbours

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Flags, Floats
 from ...engine.jit import Array, borrow, f32, i64, inline, keep_alive, kernel, next_tile, run
 from ...engine.simd import (
     F16,
@@ -285,15 +286,15 @@ class Closed(NamedTuple):
     facing : (m,) bool, whether a neighbour may have the opposite normal
     """
 
-    reach: NDArray[np.float32]
+    reach: Floats
     state: NDArray[np.uint8]
-    gap: NDArray[np.bool_]
-    fourth: NDArray[np.float32]
-    one_sheet: NDArray[np.bool_]
-    facing: NDArray[np.bool_]
+    gap: Flags
+    fourth: Floats
+    one_sheet: Flags
+    facing: Flags
 
 
-def distances(positions: NDArray[np.float32], neighborhood: Neighborhood, k: int) -> NDArray[np.float32]:
+def distances(positions: Floats, neighborhood: Neighborhood, k: int) -> Floats:
     """Return the distances of points from their k-th neighbours, (m,); 1 is the nearest, -1 the last one listed."""
     away = positions[neighborhood.near[:, k]] - positions[neighborhood.rows]
     return np.sqrt(np.einsum("ij,ij->i", away, away))
@@ -305,7 +306,7 @@ def room_for(count: int) -> Closed:
     return Closed(*(np.empty(count, kind) for kind in kinds))  # type: ignore[arg-type]
 
 
-def measure_closed(table: NDArray[np.float32], neighborhood: Neighborhood) -> Closed:
+def measure_closed(table: Floats, neighborhood: Neighborhood) -> Closed:
     """Measure Voronoi cells, 16 at a time; special cases become UNSURE and are left to the slower `measure_cells`.
 
     table : position, normal and two zeros of each point of the cloud
@@ -338,7 +339,7 @@ def _pack(work: Array, positions: Array, normals: Array, out: Array) -> None:
         tile = next_tile(work)
 
 
-def pack_table(positions: NDArray[np.float32], normals: NDArray[np.float32]) -> NDArray[np.float32]:
+def pack_table(positions: Floats, normals: Floats) -> Floats:
     """Pack (n, 3) positions, (n, 3) normals and two zeros into rows of eight, flat, to load a point at once."""
     out = np.empty((len(positions), 8), np.float32)
     run(_pack, -(-len(out) // CHUNK), np.ascontiguousarray(positions), np.ascontiguousarray(normals), out)

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.arrays import Floats
+from ...base.arrays import Flags, Floats
 from ...cloud.neighbors import NeighborTree, kd_order
 from ...engine.jit import Array, borrow, f32, f64, inline, kernel, next_tile, routine, run
 from ...engine.kernels.vec import Vec3, add, dot, length, scale
@@ -195,7 +195,7 @@ def _survey(
 
 def deviations(
     positions: Floats, normals: Floats, splats: tuple[Floats, Floats, Floats], close: float = np.inf
-) -> tuple[Floats, NDArray[np.bool_]]:
+) -> tuple[Floats, Flags]:
     """Measure the distances of points from the surface of splats, and find the points that it does not cover.
 
     Parameters

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Floats
 from ...engine.jit import Array, borrow, f32, i64, inline, keep_alive, kernel, next_tile, run
 from ...engine.kernels.vec import dot, load3_flat
 from ...engine.simd import F16, gather16, load16, store, vmax, vmin
@@ -117,12 +118,12 @@ def _medians_of(
 
 
 def medians_around(
-    values: NDArray[np.float32],
-    normals: NDArray[np.float32],
+    values: Floats,
+    normals: Floats,
     near: NDArray[np.int32],
     odd: Neighborhood,
     own: bool,
-) -> NDArray[np.float32]:
+) -> Floats:
     """Compute the median of a value over the 8 nearest points on each point's own sheet, (n,).
 
     Parameters

@@ -10,6 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Floats
 from ...engine.jit import Array, borrow, i64, kernel, next_tile, run
 from ...engine.kernels.vec import dot, load3_flat, sub
 from .voronoi import Neighborhood
@@ -53,9 +54,9 @@ def _widen(work: Array, found: Array, near: Array, out: Array) -> None:
 
 
 def find_sheets(
-    positions: NDArray[np.float32],
-    normals: NDArray[np.float32],
-    radii: NDArray[np.float32],
+    positions: Floats,
+    normals: Floats,
+    radii: Floats,
     near: NDArray[np.int32],
     facing: Neighborhood,
 ) -> NDArray[np.int8] | None:

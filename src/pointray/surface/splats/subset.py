@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.arrays import Floats
+from ...base.arrays import Flags, Floats
 from ...base.progress import StageProgress
 from .cover import choose, relax
 from .deviation import deviations
@@ -44,10 +44,10 @@ class Subset(NamedTuple):
     normals: Floats
     radii: Floats
     distances: Floats
-    bare: NDArray[np.bool_]
+    bare: Flags
 
 
-def measure(cloud: Cloud, error: float, times: int = SIZE_SAMPLES, wanted: NDArray[np.bool_] | None = None) -> Floats:
+def measure(cloud: Cloud, error: float, times: int = SIZE_SAMPLES, wanted: Flags | None = None) -> Floats:
     """Return the largest radius of a splat at each point within an error bound, (n,); neighbours differ little.
 
     times : splats that are grown over each point to measure; wanted : (n,) bool, points to measure, default: all

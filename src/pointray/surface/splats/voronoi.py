@@ -13,6 +13,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Flags, Floats
 from ...engine.jit import Array, borrow, f64, i64, inline, keep_alive, kernel, next_tile, run
 from ...engine.kernels.vec import Vec3, add, cross, dot, length, load3_flat, scale, sub, tangents
 from .borders import FOLD
@@ -292,13 +293,13 @@ class Neighborhood(NamedTuple):
 
 
 def measure_cells(
-    positions: NDArray[np.float32],
-    normals: NDArray[np.float32],
+    positions: Floats,
+    normals: Floats,
     neighborhood: Neighborhood,
-    gaps: NDArray[np.float32] | None = None,
-    typical: NDArray[np.float32] | None = None,
+    gaps: Floats | None = None,
+    typical: Floats | None = None,
     void: float = np.inf,
-) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+) -> tuple[Floats, Flags]:
     """Measure Voronoi cells in tangent planes: the distance to the farthest vertex, which a splat must reach.
 
     Parameters

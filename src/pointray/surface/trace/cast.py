@@ -7,8 +7,8 @@ from collections.abc import Callable
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...base.arrays import Flags
 from ...engine.jit import Array, borrow, f32, i64, inline, keep_alive, kernel, next_tile, run
 from ...engine.kernels import scratch as sc
 from ...engine.kernels.records import INSTANCE, SHAPE_ROW, World
@@ -280,7 +280,7 @@ def closest_hits(
 
 def occlusions(
     world: World, shape: tuple[int, ...], origins: Array, directions: Array, limits: Array, pace: Pace = PLAIN
-) -> NDArray[np.bool_]:
+) -> Flags:
     """Return whether each of n rays hits anything, (n,) bool.
 
     shape : leading shape of the rays, an image if it has two axes; origins, directions : (n, 3) float64, C-contiguous

@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Floats
 from ...engine.jit import Array, f32, kernel, next_tile, run
 from ...engine.kernels.tree import BLOCK, EMPTY, INV_R2, NX, PX
 
@@ -55,12 +56,12 @@ def _fill_blocks(
 
 
 def make_blocks(
-    positions: NDArray[np.float32],
-    normals: NDArray[np.float32],
-    radii: NDArray[np.float32],
+    positions: Floats,
+    normals: Floats,
+    radii: Floats,
     order: NDArray[np.int32],
     threads: int | None = None,
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+) -> tuple[Floats, Floats]:
     """Pack splats into blocks of four in the given order, and bound each block by a sphere.
 
     Parameters

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Flags, Floats
 from ...base.choices import SURFACES, number_of
 from ...cloud.neighbors import kd_order
 from ...cloud.statistics import quantize
@@ -35,14 +36,14 @@ class Splats(NamedTuple):
     noise : (n,) float32, standard deviation of the noise that was smoothed away, at most the radius; None if none was
     """
 
-    positions: NDArray[np.float32]
-    normals: NDArray[np.float32]
-    radii: NDArray[np.float32]
+    positions: Floats
+    normals: Floats
+    radii: Floats
     rows: NDArray[np.int32]
     colors: NDArray[np.uint8] | None
-    borders: NDArray[np.float32] | None = None
+    borders: Floats | None = None
     sheets: NDArray[np.int8] | None = None
-    noise: NDArray[np.float32] | None = None
+    noise: Floats | None = None
 
 
 class WholeModel(NamedTuple):
@@ -54,7 +55,7 @@ class WholeModel(NamedTuple):
     """
 
     top: Top
-    bounds: NDArray[np.float32]
+    bounds: Floats
     reference: float
 
 
@@ -153,7 +154,7 @@ def build_tree(
     )
 
 
-def bounds_of(splats: Splats) -> NDArray[np.float32]:
+def bounds_of(splats: Splats) -> Floats:
     """Return the bounds of the supports, (6,) lo x y z, hi x y z."""
     out = np.empty(6, np.float32)
     for c, column in enumerate(splats.positions.T):  # 8 times as fast as over rows of three
@@ -161,7 +162,7 @@ def bounds_of(splats: Splats) -> NDArray[np.float32]:
     return out
 
 
-def reference_of(radii: NDArray[np.float32]) -> float:
+def reference_of(radii: Floats) -> float:
     """Return the reference radius of a model: a leaf's sample distance is that for this radius times a power of two.
 
     It is the 2% quantile of the support radii, rounded down to few bits.
@@ -180,7 +181,7 @@ def _facing(order: NDArray[np.int32], splats: Splats, slots: int) -> NDArray[np.
     return _directions(order, splats.sheets != 0, splats.normals, slots)
 
 
-def _borders(order: NDArray[np.int32], borders: NDArray[np.float32] | None, slots: int) -> NDArray[np.int8]:
+def _borders(order: NDArray[np.int32], borders: Floats | None, slots: int) -> NDArray[np.int8]:
     """Return the outward direction of splats on an open border, in 127ths, zero for the others: (3 * slots,) or empty.
 
     order : row of the splat in each slot; slots : number of slots, four per block. Empty if no splat is on a border.
@@ -191,9 +192,7 @@ def _borders(order: NDArray[np.int32], borders: NDArray[np.float32] | None, slot
     return _directions(order, (x != 0) | (y != 0) | (z != 0), borders, slots)
 
 
-def _directions(
-    order: NDArray[np.int32], chosen: NDArray[np.bool_], directions: NDArray[np.float32], slots: int
-) -> NDArray[np.int8]:
+def _directions(order: NDArray[np.int32], chosen: Flags, directions: Floats, slots: int) -> NDArray[np.int8]:
     """Return the directions of chosen splats, in 127ths, and zero for the others, (3 * slots,).
 
     order : row of the splat in each slot; chosen : (n,) mask; directions : (n, 3), unit
@@ -232,7 +231,7 @@ def unpacked_colors(colors: NDArray[np.int32]) -> NDArray[np.uint8]:
     return np.ascontiguousarray(colors.astype("<i4").view(np.uint8).reshape(-1, 4)[:, :3])
 
 
-def _noise(order: NDArray[np.int32], noise: NDArray[np.float32] | None, slots: int) -> NDArray[np.float32]:
+def _noise(order: NDArray[np.int32], noise: Floats | None, slots: int) -> Floats:
     """Return the largest noise of the splats in each block of four, (slots / 4,); empty if nothing was smoothed.
 
     order : row of the splat in each slot; slots : number of slots

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Doubles
 from ...engine.jit import Array, f32, inline, kernel
 from ...engine.kernels.records import TOP_BOUNDS, TOP_CENTER, TOP_NODE, TOP_SIZE
 
@@ -145,7 +146,7 @@ def _build(boxes: Array, numbers: Array, out: tuple[Array, Array]) -> None:
             waiting, nodes = waiting + 1, nodes + 1
 
 
-def boxes_around(to_models: NDArray[np.float64], bounds: NDArray[np.float64]) -> NDArray[np.float64]:
+def boxes_around(to_models: Doubles, bounds: Doubles) -> Doubles:
     """Return the boxes of instances in world space, (n, 6): lo x y z, hi x y z.
 
     Parameters
@@ -162,9 +163,7 @@ def boxes_around(to_models: NDArray[np.float64], bounds: NDArray[np.float64]) ->
     return np.concatenate([center - aside, center + aside], axis=1)
 
 
-def build_top(
-    boxes: NDArray[np.float64], numbers: NDArray[np.integer[Any]]
-) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+def build_top(boxes: Doubles, numbers: NDArray[np.integer[Any]]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
     """Build a binary BVH over the world boxes of a scene's models, or over the boxes of its lights.
 
     Parameters

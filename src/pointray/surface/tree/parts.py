@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...base.arrays import Floats
 from ...engine.kernels.tree import BLOCK, Tree, first_scattered
 from .build import Splats
 from .stored import stored_splats
@@ -22,7 +22,7 @@ def surface_of(tree: Tree) -> Tree:
     return tree._replace(**{name: getattr(tree, name)[: first * width] for name, width in WIDTHS.items()})
 
 
-def splats_of(tree: Tree, radii: NDArray[np.float32]) -> Splats:
+def splats_of(tree: Tree, radii: Floats) -> Splats:
     """Return the splats that a tree was built from, in the order in which the tree stores them.
 
     radii : (n,), support radii of all the caller's rows, as those in the tree are rounded

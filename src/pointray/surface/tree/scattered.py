@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Doubles, Floats
 from ...cloud.neighbors import kd_order
 from ...engine.jit import Array, inline, kernel, next_tile, run
 from ...engine.kernels import tree as tr
@@ -25,7 +26,7 @@ DEEP = 32  # nodes below this level are halved by number: files with more than 6
 ROOM = 1.01  # radii: margin of the bounds, so that rays that start on a sphere start inside of them
 PAD = 5e-7  # of the largest coordinate: margin for rounding of boxes and of rays against them
 
-Boxes = NDArray[np.float64]
+Boxes = Doubles
 
 
 @kernel
@@ -170,9 +171,7 @@ def _halve(boxes: Array, order: Array, children: Array, leaf_of: Array) -> int:
     return total
 
 
-def _nodes(
-    blocks: NDArray[np.float32], first: int, threads: int | None
-) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+def _nodes(blocks: Floats, first: int, threads: int | None) -> tuple[Floats, NDArray[np.int32]]:
     """Build nodes of eight over blocks of scattered points; return their boxes (nodes * 48,) and children (nodes * 8,).
 
     first : number of the first block in the tree
@@ -194,15 +193,15 @@ def _nodes(
     return wide_boxes[: wide * tr.NODE].copy(), wide_children[: wide * tr.WIDTH].copy()
 
 
-def _box_around(boxes: NDArray[np.float32]) -> NDArray[np.float32]:
+def _box_around(boxes: Floats) -> Floats:
     """Return the box around the children of a tree's root, (6,). boxes : those of its nodes of eight, the root first"""
     root = boxes[: tr.NODE].reshape(2, 3, tr.WIDTH)
     return np.concatenate([root[0].min(axis=1), root[1].max(axis=1)])
 
 
 def _under_one_root(
-    a: tuple[NDArray[np.float32], NDArray[np.int32]], b: tuple[NDArray[np.float32], NDArray[np.int32]]
-) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    a: tuple[Floats, NDArray[np.int32]], b: tuple[Floats, NDArray[np.int32]]
+) -> tuple[Floats, NDArray[np.int32]]:
     """Join the nodes of two trees under a new root.
 
     a, b : boxes (nodes * 48,) and children (nodes * 8,) of each, as is the result
@@ -215,7 +214,7 @@ def _under_one_root(
     return np.concatenate([boxes.reshape(-1), a[0], b[0]]), np.concatenate([root, *moved])
 
 
-def _whole_leaves(blocks: NDArray[np.float32]) -> NDArray[np.float32]:
+def _whole_leaves(blocks: Floats) -> Floats:
     """Append an empty block if the number of blocks is odd: a leaf of scattered points holds two blocks."""
     empty = np.zeros((7, PER_BLOCK), np.float32)
     empty[:3], empty[tr.INV_R2 // PER_BLOCK] = tr.EMPTY, 1.0
@@ -265,7 +264,7 @@ def scattered_rows(tree: Tree) -> NDArray[np.int32]:
     return rows[rows >= 0]
 
 
-def scattered_of(tree: Tree, radii: NDArray[np.float32]) -> Splats | None:
+def scattered_of(tree: Tree, radii: Floats) -> Splats | None:
     """Return the scattered points of a tree as splats, in its order, or None if it has none.
 
     radii : (n,), of all the caller's rows, as those in the tree are rounded

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...base.arrays import Floats
 from ...engine.jit import Array, run
 from .cells import FULL, Cells, cut_roots
 from .top import PER_GROUP, Top
 
 
-def build_cells(blocks: NDArray[np.float32], top: Top, width: float, step: float, threads: int | None = None) -> Cells:
+def build_cells(blocks: Floats, top: Top, width: float, step: float, threads: int | None = None) -> Cells:
     """Build the binary kd-tree over the blocks, whose leaves are voxels.
 
     Parameters

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.arrays import Doubles, Floats
 from ...cloud.neighbors.order import first_part
 from ...engine.jit import Array, borrow, f32, kernel, next_tile, run, uncompiled
 from ...engine.kernels.tree import BLOCK, FAR, INV_R2, PX
@@ -31,9 +32,9 @@ class Groups(NamedTuple):
     longest : (g,) float32, largest radius of their splats
     """
 
-    supports: NDArray[np.float32]
-    places: NDArray[np.float32]
-    longest: NDArray[np.float32]
+    supports: Floats
+    places: Floats
+    longest: Floats
 
 
 class Top(NamedTuple):
@@ -45,7 +46,7 @@ class Top(NamedTuple):
     """
 
     children: list[list[int]]
-    boxes: list[NDArray[np.float64]]
+    boxes: list[Doubles]
     groups: list[NDArray[np.int64]]
     around: list[float]
 
@@ -87,7 +88,7 @@ class _Node(NamedTuple):
 
     roots: range
     groups: NDArray[np.int64]
-    cell: NDArray[np.float64]
+    cell: Doubles
     parent: int
     side: int
 
@@ -111,7 +112,7 @@ def groups_per_root(groups: int) -> int:
     return per_root
 
 
-def cut_top(groups: Groups, step: float, part: range | None = None, within: NDArray[np.float64] | None = None) -> Top:
+def cut_top(groups: Groups, step: float, part: range | None = None, within: Doubles | None = None) -> Top:
     """Cut space along the kd order into roots: boxes with similar numbers of splats that threads cut independently.
 
     Parameters
@@ -168,7 +169,7 @@ def cut_top(groups: Groups, step: float, part: range | None = None, within: NDAr
     return top
 
 
-def cells_of_parts(groups: Groups, size: int) -> NDArray[np.float64]:
+def cells_of_parts(groups: Groups, size: int) -> Doubles:
     """Return the boxes into which the kd-tree of a model divides space among its parts, (parts, 6): lo x y z, hi x y z.
 
     size : number of groups of each part, a power of two
@@ -191,7 +192,7 @@ def cells_of_parts(groups: Groups, size: int) -> NDArray[np.float64]:
     return cells
 
 
-def _everything() -> NDArray[np.float64]:
+def _everything() -> Doubles:
     return np.array([-FAR] * 3 + [FAR] * 3, np.float64)
 
 
@@ -205,7 +206,7 @@ def _one_root(top: Top) -> Top:
     return Top([], [cell], [np.unique(np.concatenate(top.groups))], [max(top.around)])
 
 
-def _root_boxes(groups: Groups) -> tuple[NDArray[np.float64], int]:
+def _root_boxes(groups: Groups) -> tuple[Doubles, int]:
     """Return boxes around the positions of each root's splats, (m, 6), and the number of groups of blocks per root.
 
     A root is a box that one thread cuts into voxels. groups : all groups of the model
@@ -217,7 +218,7 @@ def _root_boxes(groups: Groups) -> tuple[NDArray[np.float64], int]:
     return boxes.astype(np.float64), per_root
 
 
-def _plane_between(first: NDArray[np.float64], second: NDArray[np.float64]) -> tuple[int, float]:
+def _plane_between(first: Doubles, second: Doubles) -> tuple[int, float]:
     """Return an axis and a coordinate that divide two parts of the kd order, where these are farthest apart.
 
     first, second : boxes around the splats of each part, (m, 6), several for each

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ....base.arrays import Doubles
 from .._source import Faults
 from ._header import HEADER, Node, to_number, to_whole
 
@@ -73,7 +73,7 @@ class Scan:
     count: int
     announced: int
     fields: dict[str, Field]
-    rotation: NDArray[np.float64]
+    rotation: Doubles
     station: tuple[float, float, float]
     posed: bool
     turned: bool
@@ -182,7 +182,7 @@ def _field(node: Node) -> Field | None:
     return Field(node.name, np.dtype("f8"), bits, (scale, offset), float(max(abs(low), abs(high))))
 
 
-def _pose(node: Node, index: int) -> tuple[NDArray[np.float64], tuple[float, float, float], bool]:
+def _pose(node: Node, index: int) -> tuple[Doubles, tuple[float, float, float], bool]:
     """Return the rotation of a scan, (3, 3), its translation, (3,), and whether the file states them.
 
     node : XML element of the scan; index : its number, for messages

@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ....base.arrays import Floats
 from ....cloud.georeference import SCAN, Georeference
 from ...colors import GREY
 from .._counts import count_mismatch
@@ -91,7 +92,7 @@ class E57Source(Source):
                 attributes[name] = np.full(n, np.nan if dtype.kind == "f" else 0, dtype)
         return Chunk(_positions(scan, block, self._dtype), normals, colors, attributes, share), before - n
 
-    def _normals(self, scan: Scan, block: dict[str, NDArray[Any]], n: int) -> NDArray[np.float32] | None:
+    def _normals(self, scan: Scan, block: dict[str, NDArray[Any]], n: int) -> Floats | None:
         if not any(other.normals for other in self._scans):
             return None
         if not scan.normals:

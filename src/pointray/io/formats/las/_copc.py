@@ -13,6 +13,7 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ....base.arrays import Doubles, Flags
 from .._source import Faults, Request
 from ._header import Header
 from ._laz import Part, check_total
@@ -34,7 +35,7 @@ class Copc(NamedTuple):
         Offset and size in bytes of the first page of the list of nodes; it refers to further pages.
     """
 
-    low: NDArray[np.float64]
+    low: Doubles
     side: float
     spacing: float
     start: int
@@ -93,7 +94,7 @@ def _check_nodes(nodes: NDArray[Any], header: Header) -> None:
         )
 
 
-def _wanted(keys: NDArray[np.int32], header: Header, copc: Copc, request: Request) -> NDArray[np.bool_]:
+def _wanted(keys: NDArray[np.int32], header: Header, copc: Copc, request: Request) -> Flags:
     """Return which octree nodes a request needs, (n,): those in its bounds, down to the level of its resolution.
 
     keys : (n, 4), level and x, y, z of each node

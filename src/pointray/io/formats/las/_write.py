@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ....base.arrays import Flags
 from ....base.progress import Progress, report_progress
 from ....cloud.geographic import in_file
 from ....cloud.georeference import RESIDUAL, Georeference, numbers_of
@@ -306,7 +307,7 @@ class _Grid:
             numbers += self._residual[part]
         return numbers
 
-    def numbers_of(self, points: Points, part: slice, finite: NDArray[np.bool_]) -> NDArray[np.int64]:
+    def numbers_of(self, points: Points, part: slice, finite: Flags) -> NDArray[np.int64]:
         """Return the integer coordinates of a range of rows, (m, 3); 0 where a row is not finite.
 
         finite : (n,), whether each of all rows has a finite position

@@ -14,6 +14,7 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import NDArray
 
+from ....base.arrays import Doubles
 from ....base.memory import check_memory
 from ....cloud.points import check_count
 from ...colors import ColorRange, to_shades
@@ -44,12 +45,12 @@ class Part(NamedTuple):
         Colours of the triangles; `colors` are then their means.
     """
 
-    positions: NDArray[np.float64]
+    positions: Doubles
     faces: NDArray[np.int64]
-    normals: NDArray[np.float64] | None = None
+    normals: Doubles | None = None
     colors: NDArray[Any] | None = None
-    uv: NDArray[np.float64] | None = None
-    sample_texture: Callable[[NDArray[np.float64]], NDArray[np.uint8]] | None = None
+    uv: Doubles | None = None
+    sample_texture: Callable[[Doubles], NDArray[np.uint8]] | None = None
     face_colors: NDArray[np.uint8] | None = None
 
 
@@ -218,7 +219,7 @@ def _resolver_of(path: Path) -> Any:
     return FolderResolver()
 
 
-def _part(shape: Any, matrix: NDArray[np.float64]) -> Part:
+def _part(shape: Any, matrix: Doubles) -> Part:
     """Convert a mesh or a point cloud of trimesh, transformed by a (4, 4) matrix."""
     positions = np.asarray(shape.vertices, np.float64)
     faces = np.asarray(getattr(shape, "faces", np.empty((0, 3))), np.int64).reshape(-1, 3)
@@ -238,7 +239,7 @@ def _part(shape: Any, matrix: NDArray[np.float64]) -> Part:
     return Part(positions, faces, normals, *_colors(shape), of_faces)
 
 
-def _cofactors(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+def _cofactors(matrix: Doubles) -> Doubles:
     """Return the matrix that transforms normals where the (3, 3) `matrix` transforms points.
 
     It consists of the cofactors, which also exist for a singular matrix, times the sign of the determinant. So a
@@ -248,7 +249,7 @@ def _cofactors(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)]) * (np.sign(np.linalg.det(matrix)) or 1.0)
 
 
-def unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+def unit(vectors: Doubles) -> Doubles:
     lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0)
 
@@ -292,7 +293,7 @@ def _tinted(colors: NDArray[Any], plain: Any) -> NDArray[np.uint8]:
     return np.rint(np.clip(np.nan_to_num(shades * factor), 0, 255)).astype(np.uint8)
 
 
-def places_of(rows: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def places_of(rows: Doubles) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Find rows of (n, 3) with equal coordinates: return the first row at each place, and the place of each row.
 
     The first are (k,) row numbers, the second (n,) indices into them. Hashing is ten times as fast as unique rows.

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ....base.arrays import Doubles, Flags
 from ...colors import GREY
 from .._source import CHUNK, Chunk
 from ._load import Part, places_of, unit as _unit
@@ -43,13 +44,13 @@ def is_coarse(parts: Sequence[Part], shared: bool = False) -> bool:
     return _covers(areas, edges > np.where(near, NEAR, FAR))
 
 
-def _covers(areas: NDArray[np.float64], some: NDArray[np.bool_]) -> bool:
+def _covers(areas: Doubles, some: Flags) -> bool:
     """Whether the selected triangles cover more than 5% of the area. areas, some : (m,), area and selection of each"""
     total = float(areas.sum())
     return bool(0 < total < np.inf) and float(areas[some].sum()) > SHARE * total
 
 
-def _beside_creases(parts: Sequence[Part]) -> NDArray[np.bool_]:
+def _beside_creases(parts: Sequence[Part]) -> Flags:
     """Return which of the triangles of all meshes meet another one at more than 30 degrees, (m,).
 
     The order of their corners does not matter. Vertices at the same place count as one.
@@ -70,7 +71,7 @@ def _beside_creases(parts: Sequence[Part]) -> NDArray[np.bool_]:
     return creases
 
 
-def _longest_edges(part: Part) -> NDArray[np.float64]:
+def _longest_edges(part: Part) -> Doubles:
     """Return the length of each triangle's longest edge, (m,)."""
     corners = part.positions[part.faces]
     with np.errstate(all="ignore"):
@@ -102,7 +103,7 @@ def _united(parts: Sequence[Part]) -> Part:
     return Part(np.concatenate([part.positions for part in parts]), faces, whole, _joined(parts))
 
 
-def _narrow(positions: NDArray[np.float64]) -> NDArray[Any]:
+def _narrow(positions: Doubles) -> NDArray[Any]:
     """Convert to float32 if that is exact, as for files that store float32."""
     with np.errstate(over="ignore", invalid="ignore"):
         narrow = positions.astype(np.float32)
@@ -144,7 +145,7 @@ def _merged(part: Part) -> Part:
     return Part(positions, faces, normals, colors, uv, part.sample_texture)
 
 
-def _normals_of(positions: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64] | None:
+def _normals_of(positions: Doubles, faces: NDArray[np.int64]) -> Doubles | None:
     """Return mean normals of the triangles at each vertex, (n, 3).
 
     Return None if neighbouring triangles face opposite ways, so that their normals are arbitrary.
@@ -165,7 +166,7 @@ def _is_mixed(faces: NDArray[np.int64], vertices: int) -> bool:
     return len(np.unique(keys)) < (1 - MIXED) * len(keys)
 
 
-def _means(normals: NDArray[np.float64], place: NDArray[np.int64], n: int) -> NDArray[np.float64]:
+def _means(normals: Doubles, place: NDArray[np.int64], n: int) -> Doubles:
     """Return the mean direction of the normals at each of n places, (n, 3); a single normal is unchanged.
 
     normals : (m, 3); place : (m,), index of the place of each normal, from 0 to n - 1
@@ -207,13 +208,13 @@ def scatter(parts: Sequence[Part], count: int) -> Iterator[Chunk]:
         yield _chunk(pieces, parts, (start + n) / count)
 
 
-def _crosses(part: Part) -> NDArray[np.float64]:
+def _crosses(part: Part) -> Doubles:
     a, b, c = (part.positions[part.faces[:, k]] for k in range(3))
     with np.errstate(all="ignore"):
         return np.cross(b - a, c - a)
 
 
-def _areas(crosses: NDArray[np.float64]) -> NDArray[np.float64]:
+def _areas(crosses: Doubles) -> Doubles:
     """Return twice the areas of triangles, (m,); 0 for those that are not finite.
 
     crosses : (m, 3), cross product of two edges of each triangle
@@ -221,15 +222,13 @@ def _areas(crosses: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.nan_to_num(np.linalg.norm(crosses, axis=1), nan=0.0, posinf=0.0)
 
 
-def _weights(random: np.random.Generator, n: int) -> NDArray[np.float64]:
+def _weights(random: np.random.Generator, n: int) -> Doubles:
     """Return random barycentric weights of n points, uniformly distributed over a triangle, (n, 3)."""
     root, share = np.sqrt(random.random(n)), random.random(n)
     return np.stack([1 - root, root * (1 - share), root * share], axis=1)
 
 
-def _on(
-    part: Part, rows: NDArray[np.int64], weights: NDArray[np.float64], crosses: NDArray[np.float64]
-) -> tuple[Any, ...]:
+def _on(part: Part, rows: NDArray[np.int64], weights: Doubles, crosses: Doubles) -> tuple[Any, ...]:
     """Return positions, normals and colours (or None), (n, 3) each, of points on the triangles of a mesh.
 
     rows : (n,), triangle of each point; weights : (n, 3), its barycentric coordinates
@@ -237,7 +236,7 @@ def _on(
     """
     corners = part.faces[rows]
 
-    def blended(column: NDArray[Any]) -> NDArray[np.float64]:
+    def blended(column: NDArray[Any]) -> Doubles:
         return np.einsum("nk,nkc->nc", weights, column[corners].astype(np.float64))
 
     normals = _unit(crosses[rows])

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ....base.arrays import Doubles
 from .._counts import missing
 from .._source import Faults
 
@@ -96,7 +96,7 @@ def _whole_off(data: bytes, faults: Faults) -> bytes:
     return head + b"OFF\n%d %d 0\n" % (found, len(rows) - found) + b"\n".join(rows) + b"\n"
 
 
-def off_columns(data: bytes) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
+def off_columns(data: bytes) -> tuple[Doubles | None, Doubles | None]:
     """Return normals and colours, (n, 3) each, of the vertices of an OFF file, which trimesh ignores.
 
     Either is None if the file lacks it. The letters before OFF list the columns after the coordinates: N normals, C
@@ -105,7 +105,7 @@ def off_columns(data: bytes) -> tuple[NDArray[np.float64] | None, NDArray[np.flo
     head, _, body = re.sub(rb"#[^\n]*", b"", data).partition(b"OFF")
     lines = [line.split() for line in body.splitlines() if line.strip()]
     kinds, begin = (head.split() or [b""])[-1], 3
-    found: list[NDArray[np.float64] | None] = []
+    found: list[Doubles | None] = []
     for letter in (b"N", b"C"):
         rows = [line[begin : begin + 3] for line in lines[1 : int(lines[0][0]) + 1]] if letter in kinds else []
         whole = len(rows) > 0 and all(len(row) == 3 for row in rows)

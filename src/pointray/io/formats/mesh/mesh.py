@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ....base.arrays import Doubles
 from ....base.extras import require
 from ....cloud.georeference import Georeference
 from .._source import MAYBE, NO, SURE, Chunk, Faults, Format, Listing, Request, Source
@@ -24,7 +25,7 @@ BYTES = {"stl": 100, "obj": 80, "off": 80, "glb": 36, "gltf": 24, "ply": 36}  # 
 FACTOR = {"stl": 14, "obj": 12, "off": 20, "glb": 22, "gltf": 22, "ply": 20}  # memory of trimesh per byte of the file
 
 # Returns positions and triangles of a file, or None if only trimesh can read them.
-Surface = Callable[[Path], "tuple[NDArray[np.float64], NDArray[np.int64]] | None"]
+Surface = Callable[[Path], "tuple[Doubles, NDArray[np.int64]] | None"]
 
 
 def recognise(head: bytes, path: Path) -> int:

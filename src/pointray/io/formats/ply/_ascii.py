@@ -11,6 +11,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from ....base.arrays import Doubles
 from .._counts import count_mismatch, missing, whole_lines
 from .._odd_numbers import plain_lines
 from .._source import CHUNK, Faults
@@ -72,7 +73,7 @@ def _rows_of_text(lines: Iterator[str], names: list[str], count: int, most: int,
         faults.add(message if done > count else f"{message}: {missing(count, done)}")
 
 
-def _loaded(lines: Iterator[str], wanted: int, done: int, width: int, count: int) -> NDArray[np.float64]:
+def _loaded(lines: Iterator[str], wanted: int, done: int, width: int, count: int) -> Doubles:
     """Read the numbers of at most `wanted` lines, (m, width); raise ValueError, with the vertex, if one is invalid.
 
     done : vertices read before; count : announced number of vertices, for messages

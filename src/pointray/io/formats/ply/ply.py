@@ -12,6 +12,7 @@ import numpy as np
 from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 
+from ....base.arrays import Doubles
 from ....cloud.georeference import Georeference
 from .._counts import count_lines, rows_after
 from .._packed_colors import PackedColors, find_packed
@@ -185,7 +186,7 @@ def _open(path: Path, request: Request) -> Source:
     return source
 
 
-def _surface(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]] | None:
+def _surface(path: Path) -> tuple[Doubles, NDArray[np.int64]] | None:
     """Return vertices, (n, 3), and triangles, (m, 3), of a PLY file, read without trimesh.
 
     Return None if the file has a texture, faces with different numbers of corners, or invalid indices.

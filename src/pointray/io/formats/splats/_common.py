@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ....base.arrays import Flags
 from ....base.warning_log import warn
 from .._source import Chunk, Listing
 
@@ -100,7 +101,7 @@ def opaque_chunks(
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def _to_chunk(splats: Splats, rows: NDArray[np.bool_], share: float) -> Chunk:
+def _to_chunk(splats: Splats, rows: Flags, share: float) -> Chunk:
     scale = splats.scale[rows]
     attributes = {"opacity": splats.opacity[rows], "scale": scale}
     attributes |= {name: column[rows] for name, column in splats.others.items()}

@@ -12,8 +12,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ....base.arrays import Floats
 from .._source import NO, SURE, Chunk, Format, Request
 from ..ply._names import COLORS, NORMALS
 from ..ply.ply import Columns, PlySource
@@ -73,7 +73,7 @@ class GaussianSource(PlySource):
         )
 
 
-def _floats(columns: Columns, names: Sequence[str]) -> NDArray[np.float32]:
+def _floats(columns: Columns, names: Sequence[str]) -> Floats:
     out = np.empty((len(columns["x"]), len(names)), np.float32)
     for k, name in enumerate(names):
         out[:, k] = columns[name]

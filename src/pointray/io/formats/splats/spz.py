@@ -18,6 +18,7 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ....base.arrays import Floats
 from ....base.extras import require
 from ....cloud.georeference import Georeference
 from .._source import NO, SURE, Chunk, Format, Request, Source
@@ -233,7 +234,7 @@ def _unpack(header: Header, columns: list[Bytes]) -> Splats:
     )
 
 
-def _fixed(places: Bytes, bits: int) -> NDArray[np.float32]:
+def _fixed(places: Bytes, bits: int) -> Floats:
     """Convert signed 24-bit fixed-point coordinates, (n, 9) uint8, to (n, 3) float32, which is exact.
 
     bits : number of fractional bits
@@ -243,7 +244,7 @@ def _fixed(places: Bytes, bits: int) -> NDArray[np.float32]:
     return (wide.view("<i4")[:, :, 0] >> 8).astype(np.float32) * np.float32(2.0**-bits)
 
 
-def _quaternions(turns: Bytes) -> NDArray[np.float32]:
+def _quaternions(turns: Bytes) -> Floats:
     """Decode quaternions w, x, y, z, (n, 4).
 
     turns : (n, 3) uint8: x, y, z, where w is positive; or (n, 4): the three smallest components in 10 bits each

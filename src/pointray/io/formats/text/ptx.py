@@ -10,6 +10,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from ....base.arrays import Doubles
 from ....base.warning_log import warn
 from ....cloud.georeference import SCAN, Georeference
 from ...colors import GREY
@@ -94,9 +95,7 @@ class PtxSource(Source):
                 f"{done:,} found"
             )
 
-    def _chunk(
-        self, rows: NDArray[np.float64], colors: NDArray[np.int64] | None, scan: Scan, number: int, share: float
-    ) -> Chunk:
+    def _chunk(self, rows: Doubles, colors: NDArray[np.int64] | None, scan: Scan, number: int, share: float) -> Chunk:
         seen = (rows[:, :3] != 0).any(axis=1)
         rows, colors = rows[seen], None if colors is None else colors[seen]
         with np.errstate(over="ignore"):
@@ -112,7 +111,7 @@ class PtxSource(Source):
         return Chunk(world, None, None if colors is None else colors.astype(np.uint8), attributes, share)
 
 
-def _placed(points: NDArray[np.float64], matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+def _placed(points: Doubles, matrix: Doubles) -> Doubles:
     """Transform the points of a scan, (n, 3), to world coordinates. matrix : (4, 4), for row vectors"""
     if (matrix == np.eye(4)).all():
         return points
@@ -120,7 +119,7 @@ def _placed(points: NDArray[np.float64], matrix: NDArray[np.float64]) -> NDArray
         return np.asarray(points @ matrix[:3, :3] + matrix[3, :3])
 
 
-def _is_unplaced(scan: Scan, low: NDArray[np.float64], high: NDArray[np.float64]) -> bool:
+def _is_unplaced(scan: Scan, low: Doubles, high: Doubles) -> bool:
     """Whether the pose in a header is a placeholder: some programs write it with points in world coordinates.
 
     It is the identity, and the points lie far from 0 compared with their extent.
