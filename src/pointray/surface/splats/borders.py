@@ -81,9 +81,9 @@ def _closed_directions(
 
 @inline
 def widest(found: Array, count: int) -> tuple[float, float]:
-    """Return the widest gap between directions, 0 if it is below 115 degrees, and the angle of its middle, in radians.
+    """Return the widest angle without a direction in it, 0 if it is below 115 degrees, and the angle of its middle.
 
-    found : `count` rows turn, x, y, sorted by turn, a number that increases with the angle
+    Both are in radians. found : `count` rows turn, x, y, sorted by turn, a number that increases with the angle
     """
     gap, middle = (2.0 * math.pi, 0.0) if count == 0 else (0.0, 0.0)
     for k in range(count):
@@ -101,9 +101,10 @@ def widest(found: Array, count: int) -> tuple[float, float]:
 def _find_gaps(work: Array, positions: Array, normals: Array, rows: Array, near: Array, out: Array) -> None:
     """Write the outward direction of each splat on a possible open border, else zero.
 
-    It is the middle of the widest gap between the directions of neighbours in the tangent plane, if over 115 degrees.
+    It is the middle of the widest angle in the tangent plane without a neighbour, if this angle is over 115 degrees.
 
-    rows : (m,) the splats; near : (m, k) rows of these and their neighbours; out : (m, 3)
+    rows : (m,) the splats; near : (m, k) rows of these and their neighbours
+    out : (m, 3) output
     """
     positions, normals, near, out = borrow(positions), borrow(normals), borrow(near), borrow(out)
     memory = np.empty((2 * near.shape[1], 3))
@@ -129,7 +130,7 @@ def find_gaps(
 ) -> Floats:
     """Find the outward direction of points on a possible open border.
 
-    It is the middle of the widest gap between the directions of neighbours in the tangent plane, if over 115 degrees.
+    It is the middle of the widest angle in the tangent plane without a neighbour, if this angle is over 115 degrees.
 
     Parameters
     ----------
@@ -144,7 +145,7 @@ def find_gaps(
     Returns
     -------
     (m, 3) float32
-        Unit direction, or zero where there is no gap.
+        Unit direction, or zero where no such angle is that wide.
     """
     out = np.zeros((len(rows), 3), np.float32)
     arrays = [np.ascontiguousarray(array) for array in (positions, normals, rows, near)]

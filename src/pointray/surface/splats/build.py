@@ -26,7 +26,8 @@ class Sizes(NamedTuple):
     given : (n,) float32, support radii; None to choose them
     scale : factor for all radii
     within : lower limit, and (n,) float32 upper limits, of chosen radii; only for levels of detail
-    others : (m, 3) float32, scattered points of the same cloud; they limit gaps between chosen discs
+    others : (m, 3) float32, positions of the scattered points of the same cloud. They get no radii, but chosen discs
+        beside them span narrower gaps
     """
 
     given: Floats | None = None
@@ -76,7 +77,7 @@ def make_splats(
     sizes : Sizes
         Radii, or how to choose them.
     settings : TreeSettings
-        Kind of surface; borders are found if it limits the overhang beyond them.
+        Kind of surface, and largest distance of hits beyond open borders; borders are found if that is finite.
     progress : callable, optional
     """
     automatic, level = settings.overhang < np.inf, sizes.within is not None

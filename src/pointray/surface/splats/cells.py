@@ -46,7 +46,10 @@ class Cloud(NamedTuple):
     tree: NeighborTree
 
     def around(self, rows: Rows, count: int = NEIGHBORS) -> Indices:
-        """Return points and their `count` nearest neighbours, (m, count + 1) rows, or all if there are fewer."""
+        """Return the row numbers of points and of their `count` nearest neighbours, (m, count + 1).
+
+        There are fewer columns if the cloud has fewer points. rows : (m,) the points
+        """
         return self.tree.rows_at(count + 1, self.positions[rows])
 
 
@@ -58,15 +61,15 @@ def cloud_of(positions: Floats, normals: Floats, tree: NeighborTree | None) -> C
 class Cells:
     """Voronoi cells of all points of a cloud, in their tangent planes.
 
-    Each cell is measured with 20 neighbours. If farther ones could change it, it is measured again with up to 80, and
-    beside a gap in the surface also with points from across the gap.
+    Each cell is measured with the 20 nearest neighbours of its point. If farther ones could change the cell, it is
+    measured again with up to 80, and beside a gap in the surface also with points from across the gap.
 
     Attributes
     ----------
     first : Closed
         Results from the first 20 neighbours.
     reach : (n,) float32
-        Distance to the farthest vertex of each cell.
+        Distance from each point to the farthest vertex of its cell.
     gaps : (n, 3) float32
         Outward direction where the surface may end, else zero.
     at_gap : (n,) bool
@@ -98,9 +101,10 @@ class Cells:
         report_progress(progress, 1.0)
 
     def _look_for_gaps(self, neighborhood: Neighborhood, found: Closed) -> None:
-        """Set `gaps` and `at_gap` for points at which the surface may end, those with `found.gap`.
+        """Set `gaps` and `at_gap` for the points at which the surface may end.
 
-        neighborhood : the points that `found` describes, and their neighbours
+        neighborhood : points and their neighbours
+        found : measurements of the cells of these points; `found.gap` is a mask of the points to examine
         """
         some = np.flatnonzero(found.gap)
         rows = neighborhood.rows[some].astype(np.int64)
@@ -108,7 +112,10 @@ class Cells:
         self.at_gap[rows] = out.any(axis=1)
 
     def _close(self, rows: Rows) -> None:
-        """Measure open cells, which farther neighbours could change, with more neighbours. rows : their points"""
+        """Update `reach`, the distance to the farthest vertex, for the cells of `rows`, from more neighbours.
+
+        These are the open cells, which farther neighbours could change.
+        """
         if self._whole:
             return
         for level in (AGAIN, THEN) if len(rows) < MANY * len(self.reach) else (THEN,):
@@ -119,9 +126,11 @@ class Cells:
             self._settle_again(rows, AHEAD)
 
     def _settle_again(self, rows: Rows, level: int) -> Rows:
-        """Measure cells with more neighbours; return the rows that even more neighbours could change.
+        """Measure the cells of `rows` with more neighbours and update `reach`, the distance to their farthest vertices.
 
-        level : AGAIN, with 40 neighbours; THEN, with 80; AHEAD, also with points from across the gap beside each point
+        level : AGAIN, with 40 neighbours; THEN, with 80; AHEAD, with 80 and points from across the gap beside a point
+
+        Returns the rows whose cells even more neighbours could change.
         """
         self._level[rows] = level
         left = [rows[:0]]
@@ -143,9 +152,11 @@ class Cells:
             yield _with_neighbors_ahead(self._cloud, neighborhood, self.gaps) if level == AHEAD else neighborhood
 
     def _settle(self, neighborhood: Neighborhood, last: bool) -> Closed:
-        """Measure cells with the given neighbours; each becomes CLOSED, or OPEN if a farther neighbour could change it.
+        """Measure Voronoi cells of points from the given neighbours: the distance to the farthest vertex, and a state.
 
-        last : whether no cell will get more neighbours; cells that stay OPEN then get a reach too
+        The state is CLOSED, or OPEN if a farther neighbour could change the cell.
+
+        last : whether no cell will get more neighbours; then the distance is also measured for cells that stay OPEN
         """
         found = measure_closed(self._cloud.table, neighborhood)
         rows = np.flatnonzero(found.state != CLOSED if last else found.state == UNSURE)
@@ -158,10 +169,13 @@ class Cells:
         return found
 
     def measure(self, rows: Rows, typical: Floats, void: float) -> Rows:
-        """Measure cells of `rows` again without vertices across wide gaps; return the rows that are on no open border.
+        """Update `reach`, the distance to the farthest vertex, for cells of `rows`, without vertices across wide gaps.
 
         typical : (n,) typical distance to a cell's farthest vertex around each point
-        void : widest gap that is closed, in these distances
+        void : vertices up to this many typical distances away count; they lie in the middle of gaps, so wider gaps stay
+            open
+
+        Returns the rows of the points on no open border.
         """
         ahead = [rows[:0]]
         sites = self._cloud.positions, self._cloud.normals
@@ -172,10 +186,13 @@ class Cells:
         return np.concatenate(ahead)
 
     def narrow(self, limits: Limits, statistics: CloudStatistics) -> None:
-        """Reduce `reach` so that discs among scattered points, as in a tree crown, do not span wide gaps.
+        """Reduce `reach`, the distance to the farthest vertex, where discs would span wide gaps among scattered points.
 
-        This concerns cells in disorder, whose neighbours do not lie on smooth sheets with them, and cells that cover
-        scattered points. limits : half of the widest gap at each point, and the scattered points
+        This concerns cells in disorder, as in a tree crown, whose neighbours do not lie on smooth sheets with them, and
+        cells that cover scattered points.
+
+        limits : half the width of the widest gap at each point, and the scattered points
+        statistics : of the whole cloud
         """
         far = self.reach > limits.half
         if limits.others is None and statistics.share("far cells", far) < SOME:  # fewer of them can be disordered
@@ -200,9 +217,10 @@ class Cells:
 
 
 def _with_neighbors_ahead(cloud: Cloud, neighborhood: Neighborhood, gaps: Floats) -> Neighborhood:
-    """Add 40 points from across the gap, and 40 from behind, to the neighbours of points beside a gap in the surface.
+    """Return points beside gaps in the surface with 80 more neighbours each: 40 from across the gap, 40 from behind.
 
-    gaps : (n, 3) unit direction of the gap at each point
+    neighborhood : the points, and their nearest neighbours
+    gaps : (n, 3) unit direction of the gap at each point of the cloud
 
     Dense points on the point's own side may fill the list of neighbours, so that none across the gap is in it.
     """

@@ -105,8 +105,12 @@ def _unfolded16(d: Three16, normals: tuple[Three16, Three16], axes: tuple[Three1
 def _note_fold(seen: tuple[Mask, Mask, Three16], folded: Mask, m: Three16) -> tuple[Mask, Mask, Three16]:
     """Record the normals of neighbours across a crease, to find corners where three sheets may meet.
 
-    seen : masks of the points where three sheets may meet, and where a crease was found; normal across the first
-    folded : mask of the points whose next neighbour is across a crease; m : normals of these neighbours
+    seen : results so far for 16 points:
+        mask of the points where three sheets may meet
+        mask of the points with a neighbour across a crease
+        normal of the first such neighbour
+    folded : mask of the points whose next neighbour is across a crease
+    m : normals of these next neighbours
 
     Returns the new `seen`.
     """
@@ -130,10 +134,12 @@ def _place_neighbors(
     neighborhood : rows of neighbours, flat; start of the 16 points' neighbours in it; number of rows for each point
     memory : for neighbour k, q.x of the 16 points at 32 k and q.y at 32 k + 16
 
-    Returns three tuples for each point: the largest q, of the nearest neighbour (x, y, its square, its index); the
-    largest squared distance of a neighbour that unfolding brings closer, and whether three sheets may meet; a bit for
-    each of 32 sectors with neighbours, whether the first 8 neighbours are all on the point's own sheet, and whether a
-    neighbour may have the opposite normal.
+    Returns three tuples, with a value for each of the 16 points in every element:
+        q of the nearest neighbour: x, y, |q|^2, and the neighbour's index k
+        largest squared distance of a neighbour across a crease that gets closer when the crease is laid flat, else 0;
+            mask of the points where three sheets may meet
+        bits of the sectors, of 32 around the point, that hold neighbours; mask of the points whose first 8 neighbours
+            are on their own sheet; mask of the points with a neighbour that may have the opposite normal
     """
     at, n, shrink = own
     near, start, width = neighborhood
@@ -174,13 +180,16 @@ def _place_neighbors(
 
 @inline
 def _walk(first: tuple[F16, F16, F16, F16], width: int, memory: Array) -> tuple[F16, Mask, Mask]:
-    """Walk around the vertices of the Voronoi cells of 16 points at once.
+    """Find the farthest vertices of the Voronoi cells of 16 points, by a walk around the vertices of each cell.
 
-    first : x and y of the nearest neighbour's inverse, its square, its index; width : number of neighbours plus one
+    first : x and y of the nearest neighbour's inverse, its square, and the neighbour's index
+    width : number of neighbours plus one
     memory : inverses q = 2 b / |b|^2 of the neighbours at b, for neighbour k x at 32 k and y at 32 k + 16
 
-    Returns the squared distance of the farthest vertex, where the last neighbour is at 1; a mask of closed cells, which
-    no farther neighbour could change; and a mask of cells that need a more exact method.
+    Returns for each of the 16 points:
+        squared distance to the farthest vertex, in units in which the last neighbour is at distance 1
+        mask of closed cells, which no farther neighbour could change
+        mask of cells that need a more exact method
     """
     cx, cy, size, ck = first
     start, zero = ck, broadcast16(ZERO)
@@ -228,7 +237,8 @@ def _away(table: Array, at: Three16, near: Array, start: int, width: int) -> F16
     """Return the distances of 16 points from one neighbour each.
 
     table : position, normal and two zeros of each point of the cloud; at : positions of the 16 points
-    near : flat rows of neighbours, `width` for each point; start : index in it of the first point's neighbour
+    near : flat rows of neighbours, `width` for each point
+    start : index in `near` of the first point's neighbour
     """
     x, y, z, _, _, _, _, _ = gather_rows8(table, near, start, width)
     d = x - at[0], y - at[1], z - at[2]
@@ -237,11 +247,12 @@ def _away(table: Array, at: Three16, near: Array, start: int, width: int) -> F16
 
 @kernel
 def _measure_closed(work: Array, table: Array, rows: Array, neighborhood: tuple[Array, int], out: Closed) -> None:
-    """Measure the Voronoi cells of points, 16 at a time, unless they are special cases.
+    """Measure Voronoi cells of points, 16 at a time: write the distance to the farthest vertex and other properties.
 
-    table : position, normal and two zeros of each point of the cloud; rows : the points to measure, at least 16
-    neighborhood : rows of each of these and its neighbours, flat, and their number for each point
-    out : output, distance to the farthest vertex, state and the other fields of `Closed` for each cell
+    table : position, normal and two zeros of each point of the cloud
+    rows : (m,) the points to measure, at least 16
+    neighborhood : flat rows of each of these points and its neighbours, and their number for each point
+    out : output, arrays of m; cells that need a slower method get the state UNSURE
     """
     table, rows = borrow(table), borrow(rows)
     (near, width), (reach, state, gap, fourth, one_sheet, facing) = borrow(neighborhood), borrow(out)
@@ -278,9 +289,9 @@ def _measure_closed(work: Array, table: Array, rows: Array, neighborhood: tuple[
 class Closed(NamedTuple):
     """Voronoi cells of m points, as far as the fast method can measure them.
 
-    reach : (m,) float32, distance to the farthest vertex where the cell is CLOSED
-    state : (m,) uint8, CLOSED; OPEN, if farther neighbours could change the cell; UNSURE, if it is a special case
-    gap : (m,) bool, whether the surface may end there
+    reach : (m,) float32, distance from the point to the farthest vertex of its cell, where the cell is CLOSED
+    state : (m,) uint8, CLOSED; OPEN, if farther neighbours could change the cell; UNSURE, if it needs a slower method
+    gap : (m,) bool, whether the surface may end at the point
     fourth : (m,) float32, distance to the 4th neighbour
     one_sheet : (m,) bool, whether the first 8 neighbours are on the point's own sheet
     facing : (m,) bool, whether a neighbour may have the opposite normal
@@ -307,12 +318,13 @@ def room_for(count: int) -> Closed:
 
 
 def measure_closed(table: Floats, neighborhood: Neighborhood) -> Closed:
-    """Measure Voronoi cells, 16 at a time; special cases become UNSURE and are left to the slower `measure_cells`.
+    """Return the distance to the farthest vertex of each point's Voronoi cell, and other properties of the cells.
 
     table : position, normal and two zeros of each point of the cloud
     neighborhood : points to measure, and their neighbours
 
-    With fewer than 16 points, or up to 8 columns of neighbours, all cells become UNSURE.
+    Special cases get the state UNSURE and are left to the slower `measure_cells`. With fewer than 16 points, or up to 8
+    columns of neighbours, all cells are UNSURE.
     """
     count, width = neighborhood.near.shape
     out = room_for(count)

@@ -28,7 +28,8 @@ Seen: TypeAlias = tuple[Array, int]  # last mark of each splat; mark of this tra
 def _choose(work: Array, splats: Splats, area: Array, times: Array) -> Array:
     """Choose the splat that newly covers the largest area, until all points are covered; return the chosen rows.
 
-    area : (n,) area that each point represents; times : (n,) number of chosen splats over each point, updated
+    splats : candidates, and the points that each covers; area : (n,) area that each point represents
+    times : (n,) number of chosen splats over each point, updated
     """
     keys, rows = np.empty(len(splats.seeds), np.float32), np.empty(len(splats.seeds), np.int32)
     size = number = 0
@@ -70,7 +71,7 @@ def _count(splats: Splats, s: int, times: Array, change: int) -> None:
 def choose(pool: Splats, cloud: Cloud, times: NDArray[np.int32]) -> NDArray[np.int32]:
     """Choose splats of a pool greedily, by newly covered area, until each point is covered; return their rows.
 
-    times : (n,) number of splats over each point before, 0 where a splat is needed; chosen splats are added
+    times : (n,) number of splats over each point, 0 where a splat is needed; updated with the chosen splats
     """
     return np.asarray(run(_choose, 1, pool, cloud.area, times)[0])
 
@@ -107,10 +108,10 @@ def _take_away(
 ) -> tuple[int, int]:
     """Remove the chosen splat s and up to 5 chosen splats that share points with it, to cover their points anew.
 
-    over : starts and rows of the splats over each point; cover : number of chosen splats over each point, and mask of
-        chosen splats; both are updated
-    seen : number of the last search that visited each splat, updated, and the number of this search
-    crowd, bare : output, removed splats and uncovered points
+    over : the splats that cover each point: start of each point's splats in a list, and this list of rows
+    cover : number of chosen splats over each point, and mask of chosen splats; both are updated
+    seen : for each splat the number of the last search that visited it, updated; and the number of this search
+    crowd, bare : outputs, rows of the removed splats, and of the points left uncovered
 
     Returns the number of splats removed and the number of uncovered points.
     """
@@ -140,11 +141,12 @@ def _take_away(
 
 @routine
 def _gains(over: Over, area: Array, bare: Array, seen: Seen, gain: Array, found: Array) -> int:
-    """List in `found` the splats over the uncovered points `bare`; return their number.
+    """List in `found` the splats that cover any of the uncovered points `bare`; return their number.
 
-    over : starts and rows of the splats over each point; area : (n,) area that each point represents
-    seen : number of the last search that visited each splat, updated, and the number of this search
-    gain : output, the area that each splat would cover
+    over : the splats that cover each point: start of each point's splats in a list, and this list of rows
+    area : (n,) area that each point represents
+    seen : for each splat the number of the last search that visited it, updated; and the number of this search
+    gain : output, the area of these points that each listed splat would cover
     """
     met, mark = seen
     count = 0
@@ -160,10 +162,11 @@ def _gains(over: Over, area: Array, bare: Array, seen: Seen, gain: Array, found:
 
 @routine
 def _best(gain: Array, found: Array, count: int, state: Array) -> tuple[int, int]:
-    """Return the splat with the largest gain, or -1, and the number of splats that still have a gain.
+    """Return the splat with the largest gain, -1 if none has a gain, and the number of candidates that have one.
 
     gain : area that each splat would newly cover; a random increase of up to 10% varies the choice
-    found : the first `count` rows are candidates, updated; state : of random numbers
+    found : rows of the candidates, the first `count`; those without a gain are removed
+    state : of the random numbers, updated
     """
     best, most, left = -1, f32(0.0), 0
     for t in range(count):
@@ -187,12 +190,15 @@ def _cover_again(
     found: Array,
     room: tuple[int, int, int, Array, Array],
 ) -> tuple[int, int]:
-    """Cover the uncovered points greedily with no more splats than were removed.
+    """Choose splats greedily for the uncovered points, no more than were removed before.
 
-    over : starts and rows of the splats over each point; area : (n,) of each point
-    gain : area that each splat would cover
-    cover : number of chosen splats over each point, and mask of chosen splats; found : rows of the candidates
-    room : number of candidates, of uncovered points, and of splats removed; random state; output: splats added
+    over : the splats that cover each point: start of each point's splats in a list, and this list of rows
+    area : (n,) area that each point represents
+    cover : number of chosen splats over each point, and mask of chosen splats; both are updated
+    gain : area that each splat would newly cover, updated
+    found : rows of the candidates, updated
+    room : number of candidates, number of uncovered points, number of splats removed, state of the random numbers, and
+        an output for the rows of the splats added
 
     Returns the number of splats added and the number of points still uncovered.
     """
@@ -222,10 +228,15 @@ def _relax(
 ) -> int:
     """Remove a few splats around each splat of `order` and cover their points again, with fewer if possible.
 
-    over : starts and rows of the splats over each point; area : (n,) of each point; seed : of random numbers
+    splats : candidates, and the points that each covers
+    over : the splats that cover each point: start of each point's splats in a list, and this list of rows
+    area : (n,) area that each point represents
     cover : number of chosen splats over each point, and mask of chosen splats; both are updated
+    order : rows of chosen splats
+    most : number of splats saved at which to stop
+    seed : of random numbers
 
-    Stops when `most` splats are saved; returns the number saved.
+    Returns the number of splats saved.
     """
     times, on = cover
     met = np.full(len(on), -1, np.int32)
@@ -259,7 +270,9 @@ def relax(
 ) -> NDArray[np.int64]:
     """Return the rows of fewer splats of a pool that together cover the same points as those in `rows`.
 
-    goal : least number of splats; passes : maximum number of passes over all splats, which end when no splat is saved
+    pool : candidates, and the points of the cloud that each covers
+    goal : number of splats at which to stop
+    passes : maximum number of passes over all splats, which end when no splat is saved
 
     Each pass removes splats with their neighbours and covers the points again (Wu and Kobbelt 2004).
     """

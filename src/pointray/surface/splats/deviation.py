@@ -65,8 +65,9 @@ def _apart(low: Array, high: Array, i: int, box: Box) -> bool:
 def _find(splats: Gated, boxes: Boxes, box: Box, stack: Array, found: Array) -> int:
     """List in `found` the splats whose support overlaps a box (low x, y, z, high x, y, z); return their number.
 
-    splats : positions, normals, radii, and 1 for those on sheets close together; stack : memory
-    boxes : hierarchy around their supports
+    splats : positions, normals, radii, and 1 for those on sheets close together
+    boxes : hierarchy of boxes around the supports of the splats
+    stack : memory
     """
     centers, radii = splats[0], splats[2]
     count, size = 0, 1
@@ -94,10 +95,12 @@ def _find(splats: Gated, boxes: Boxes, box: Box, stack: Array, found: Array) -> 
 
 @routine
 def _evaluate(splats: Gated, near: Array, x: Vec3, n: Vec3) -> tuple[float, Vec3, float]:
-    """Return f at x, its gradient, and the distance of x from the mean centre of the blended splats in mean radii.
+    """Return f at x, the gradient of f, and the distance of x from the mean centre of the blended splats in mean radii.
 
-    splats : positions, normals, radii, and 1 for those on sheets close together, which count only if they face n
-    near : rows of the splats to blend; n : normal of the point at x
+    splats : positions, normals, radii, and 1 for those on sheets close together, else 0; a splat with 1 counts only if
+        its normal is within 90 degrees of n
+    near : rows of the splats to blend
+    n : normal of the point at x
 
     Where no support contains x, f and the distance are inf.
     """
@@ -128,10 +131,12 @@ def _evaluate(splats: Gated, near: Array, x: Vec3, n: Vec3) -> tuple[float, Vec3
 
 @routine
 def _deviation(splats: Gated, near: Array, x: Vec3, n: Vec3, close: float) -> tuple[float, float]:
-    """Return the signed distance of x from the surface, positive outside, and its distance from the mean splat centre.
+    """Return the distances of x from the surface, positive outside, and from the mean centre of the blended splats.
 
-    splats : positions, normals, radii, and 1 for those on sheets close together; near : rows of those near x
-    n : normal of the point at x; close : distances up to this need no refinement
+    splats : positions, normals, radii, and 1 for those on sheets close together
+    near : rows of the splats near x
+    n : normal of the point at x
+    close : distances from the surface up to this need no refinement
 
     The first is f over the length of its gradient. If that exceeds `close`, two secant steps along n find the root of
     f, because the first estimate is wrong by factors at sharp edges. A surface of opposite orientation counts, as it
@@ -172,12 +177,14 @@ def _box_of(positions: Array, first: int, last: int, pad: float) -> tuple[float,
 def _survey(
     work: Array, positions: Array, normals: Array, splats: Gated, boxes: Boxes, close: float, out: Array, hollow: Array
 ) -> None:
-    """Measure the distance of every point from the surface, with one search for splats for 32 neighbouring points.
+    """Write the distance of every point from the surface, with one search for splats for 32 neighbouring points.
 
+    positions, normals : (n, 3) of the points
     splats : positions, normals, radii, and 1 for those on sheets close together
-    boxes : hierarchy around their supports
-    close : distances up to this need no refinement; out : (n,) output, signed distances
-    hollow : (n,) output, distance from the mean centre of the splats, in their mean radii; inf without a surface
+    boxes : hierarchy of boxes around the supports of the splats
+    close : distances from the surface up to this need no refinement
+    out : (n,) output, signed distances from the surface
+    hollow : (n,) output, distance from the mean centre of the blended splats in their mean radii; inf without a surface
     """
     positions, normals, out, hollow = borrow(positions), borrow(normals), borrow(out), borrow(hollow)
     lent, tree = borrow(splats), borrow(boxes)

@@ -48,8 +48,10 @@ Rows = NDArray[Any]
 def _on_sheet(positions: Array, normals: Array, i: int, near: Array, axes: tuple[Vec3, Vec3], found: Array) -> int:
     """Write the tangent directions of the neighbours that lie on a rough sheet with point i; return their number.
 
-    They have similar normals and are near an arc perpendicular to both. positions, normals : flat
-    near : row i, then its neighbours; axes : two tangents
+    Two points are on a rough sheet if their normals are similar and both are near an arc perpendicular to the normals.
+
+    positions, normals : flat; near : row i, then the rows of its neighbours
+    axes : two tangents of point i
     found : output, rows turn, x, y, sorted by turn, a number that increases with the angle
     """
     u, v = axes
@@ -71,8 +73,10 @@ def _survey(
 
     Two points are on a rough sheet if their normals are similar and both are near an arc perpendicular to the normals.
 
-    cloud : flat positions and normals; neighborhood : rows (m,), and each row with its neighbours (m, k)
-    counts : (m,) output; out : (m, 3) output, direction of a gap over 180 degrees wide, or zero; empty if not needed
+    cloud : flat positions and normals
+    neighborhood : rows (m,), and each row with its neighbours (m, k)
+    counts : (m,) output, number of these neighbours
+    out : (m, 3) output, direction of a gap over 180 degrees wide between them, or zero; empty if not needed
     """
     (positions, normals), (rows, near), counts, out = borrow(cloud), borrow(neighborhood), borrow(counts), borrow(out)
     memory = np.empty((near.shape[1], 3))
@@ -111,7 +115,7 @@ def trim_fringe(
     normals : (n, 3) float32
         Unit normals.
     tree : NeighborTree
-        Neighbour search over the positions, which are in its order.
+        Neighbour search over the positions, made from them in the same order.
     found : Chosen
         Radii and borders, which are changed.
     noisy : (n,) bool
@@ -152,9 +156,10 @@ def _counts(
 
     Two points are on a rough sheet if their normals are similar and both are near an arc perpendicular to the normals.
 
-    cloud : flat positions and normals; near : (m, k) each row and its neighbours
-    directions : whether to compute the second result: (m, 3), the middle of the gap where these neighbours leave over
-        half of all directions open, else zero; otherwise it is empty
+    cloud : flat positions and normals
+    rows : (m,) the points; near : (m, k) rows of each point and its neighbours
+    directions : whether to compute the second result, (m, 3): the middle of the gap where these neighbours leave over
+        half of all directions open, else zero. Without it the second result is empty
     """
     counts = np.empty(len(rows), np.float32)
     out = np.zeros((len(rows) if directions else 0, 3), np.float32)

@@ -96,7 +96,8 @@ def _limit(
     """Write the reach of each row's Voronoi cell: the distance to its farthest vertex that is not across a wide gap.
 
     cloud : flat positions and normals; neighborhood : rows (m,), and each row with its neighbours (m, k)
-    limits : (m,) half of the widest gap. Wider ones count only if the points around them belong to one smooth surface
+    limits : (m,) largest distance of a vertex, half the width of a gap. Farther vertices count only if the points
+        around them belong to one smooth surface
     reach : (m,) output
     """
     (positions, normals), (rows, near) = borrow(cloud), borrow(neighborhood)
@@ -164,13 +165,13 @@ def bridged(positions: Floats, normals: Floats, neighborhood: Neighborhood, limi
     neighborhood : Neighborhood
         The m points to measure, and their neighbours.
     limits : (m,) float32
-        Half of the widest gap at each of them.
+        Half the width of the widest gap in the surface that the disc of each of these points may span.
 
     Returns
     -------
     (m,) float32
-        Distance to the farthest vertex or side that is within the limit, or whose points belong to one smooth surface
-        across the gap; 0 if there is none.
+        Distance to the farthest vertex or side of the cell that is within the limit, or farther where the points on
+        both sides of the gap belong to one smooth surface; 0 if there is none.
     """
     reach = np.empty(len(neighborhood.rows), np.float32)
     flat = np.ascontiguousarray(positions).reshape(-1), np.ascontiguousarray(normals).reshape(-1)
@@ -212,8 +213,10 @@ def is_disordered(positions: Floats, normals: Floats, rows: NDArray[np.int32], a
 class Limits(NamedTuple):
     """Limits of the gaps in a surface that the discs of n points may span.
 
-    half : (n,) float32, half of the widest gap, unless the points around it belong to one smooth surface
-    others : neighbour search over the scattered points of the cloud, or None
+    half : (n,) float32, half the width of the widest gap. Wider gaps are spanned only between points of one smooth
+        surface
+    others : neighbour search over the scattered points of the cloud, or None. The limits hold for discs that cover two
+        of these points, and for discs in disorder, as in a tree crown
     """
 
     half: Floats
@@ -232,7 +235,10 @@ class Limits(NamedTuple):
 def find_limits(
     positions: Floats, near: NDArray[np.int32], others: Floats | None, statistics: CloudStatistics
 ) -> Limits:
-    """Find the widest gap that the disc of each point may span: three local spacings, with upper limits for all points.
+    """Find the widest gap that the disc of each point may span: three local spacings, with two upper limits.
+
+    The upper limits are the 98th percentile of these gaps over all points, and a gap twice as wide as `largest_reach`,
+    a share of the cloud's diagonal.
 
     Parameters
     ----------
@@ -241,7 +247,7 @@ def find_limits(
     near : (n, k) int32
         Rows of each point and its nearest neighbours.
     others : (m, 3) float32, optional
-        Scattered points of the same cloud, which count for the local spacing.
+        Scattered points of the same cloud. They get no limits, but count for the local spacing.
     statistics : CloudStatistics
         Of the whole cloud.
     """
@@ -263,8 +269,10 @@ def find_limits(
 def largest_reach(positions: Floats, statistics: CloudStatistics) -> float:
     """Return the largest reach of a disc in disorder, as in a tree crown, or the largest radius of a sphere.
 
-    The reach is the distance to the farthest vertex of a Voronoi cell. The limit covers less than 2% of an image that
-    the cloud fills; it is inf for clouds of up to 20 points.
+    The reach is the distance to the farthest vertex of a Voronoi cell. A disc of this size covers less than 2% of an
+    image that the cloud fills, or more in clouds of up to 625 points. For up to 20 points the result is inf.
+
+    positions : (n, 3) of the cloud, or of a part of it; statistics : of the whole cloud
     """
     count = len(positions)
     share = statistics.get_or_compute(
@@ -274,9 +282,10 @@ def largest_reach(positions: Floats, statistics: CloudStatistics) -> float:
 
 
 def _eighth(positions: Floats, neighborhood: Neighborhood, others: NeighborTree | None) -> Floats:
-    """Return the distance of each point from its 8th neighbour, (m,), counting other points too.
+    """Return the distance of each point from its 8th neighbour, (m,), counting the points of `others` too.
 
-    neighborhood : the points, and their neighbours among `positions`; others : search over the other points, or None
+    neighborhood : the m points, and their neighbours among `positions`, nearest first
+    others : search over further points of the cloud, or None
     """
     eighth = distances(positions, neighborhood, NEAREST)
     if others is None:

@@ -80,7 +80,8 @@ def _codes(work: Array, positions: Array, normals: Array, low: Array, cell: floa
 def _sort(ids: Array, starts: Array, order: Array) -> None:
     """Sort rows by group (counting sort).
 
-    ids : (n,) group of each row; starts : zeros, with one extra entry; becomes the start of each group in `order`
+    ids : (n,) group of each row, 0 to g - 1
+    starts : (g + 2,) zeros; becomes the start of each group in `order`, and the end
     order : (n,) output, the sorted rows
     """
     ids, starts, order = borrow(ids), borrow(starts), borrow(order)
@@ -96,9 +97,10 @@ def _sort(ids: Array, starts: Array, order: Array) -> None:
 
 @kernel
 def _means(work: Array, values: Array, width: int, order: Array, starts: Array, out: Array) -> None:
-    """Write means of `width` numbers for each group; values and out are flat.
+    """Write the mean of `values` over each group.
 
-    order : rows of the values, group by group; starts : start of each group in it, and the end
+    values : flat, `width` numbers for each row; out : flat output, `width` numbers for each group
+    order : rows, group by group; starts : start of each group in `order`, and the end
     """
     values, order, starts, out = borrow(values), borrow(order), borrow(starts), borrow(out)
     tile = next_tile(work)
@@ -114,10 +116,10 @@ def _means(work: Array, values: Array, width: int, order: Array, starts: Array, 
 
 @kernel
 def _reach(work: Array, splats: tuple[Array, Array, Array], order: Array, starts: Array, out: Array) -> None:
-    """Write how far the supports of each group extend from its middle, (m,).
+    """Write how far the supports of each group extend from a point, the group's middle, (m,).
 
-    splats : positions (n, 3) and radii (n,), and the middles of the groups (m, 3)
-    order : rows of the splats, group by group; starts : start of each group in it, and the end
+    splats : positions (n, 3) and radii (n,) of all splats, and the middles of the groups (m, 3)
+    order : rows of the splats, group by group; starts : start of each group in `order`, and the end
     """
     positions, radii, middles = borrow(splats[0]), borrow(splats[1]), borrow(splats[2])
     order, starts, out = borrow(order), borrow(starts), borrow(out)

@@ -31,7 +31,8 @@ class Cloud(NamedTuple):
     positions, normals : (n, 3) float32; normals are unit vectors
     near : (n, k) int32, rows of the neighbours of each point, nearest first, without the point
     area : (n,) float32, area that each point represents
-    radii : (n,) float32, radii with which the whole cloud covers itself
+    radii : (n,) float32, about the distance to the 8th neighbour: a radius with which splats at all points cover the
+        surface
     border : (n,) bool, whether the point lies on an open border
     """
 
@@ -49,7 +50,8 @@ class Splats(NamedTuple):
     seeds : (m,) int32, row of the centre point of each splat
     starts : (m + 1,) int64, start of each splat's points in `members`, and the end
     members : int32, rows of the covered points, splat by splat, nearest first
-    widths : (m,) float32, limit of each splat's radius, which its points need not reach; it sets the support radius
+    widths : (m,) float32, upper limit of the distance of a splat's points from its centre, which they need not reach;
+        the support radius is at least 1.8 times this limit
     """
 
     seeds: NDArray[np.int32]
@@ -80,7 +82,7 @@ def join(parts: list[Splats]) -> Splats:
 
 @kernel
 def _gather(starts: Array, members: Array, rows: Array, begins: Array, out: Array) -> None:
-    """Copy the covered points of the splats `rows`, splat by splat.
+    """Copy the covered points of the splats `rows`, splat by splat, to `out`.
 
     starts, members : start of each splat's covered points in `members`, and the rows of these points
     begins : start of each copy in `out`, and the end
@@ -108,11 +110,12 @@ def _grow_one(
 ) -> tuple[int, float]:
     """Grow one splat around the point `seed`, from neighbour to neighbour, while its points stay near its plane.
 
-    bounds : largest radius, and half the largest range of heights over the plane; queue : memory for a heap
+    bounds : largest radius of the splat, and half the largest range of heights of its points over the plane
     stamp : for each point the last splat that visited it, and the number of this splat
-    out : rows of the covered points
+    queue : memory for a heap
+    out : output, rows of the covered points
 
-    Returns the number of covered points and the squared distance of the last from the seed.
+    Returns the number of covered points, and the squared distance from the seed of the last point reached.
     """
     keys, rows = queue
     met, mark = stamp
@@ -163,10 +166,14 @@ def _with_capacity(array: Array, used: int, more: int) -> Array:
 def _grow(work: Array, cloud: Cloud, seeds: Array, bound: Array, error: float) -> tuple[Array, Array, Array, Array]:
     """Grow splats from seeds, each from neighbour to neighbour while its points stay near its plane.
 
-    seeds : (m,) rows; bound : (n,) largest radius at each point; error : half the largest range of heights over a plane
+    seeds : (m,) rows of centre points; bound : (n,) largest radius of a splat at each point
+    error : half the largest range of heights of a splat's points over its plane
 
-    Returns, in the order in which this thread grew them, the seed's index, number of covered points and radius of each
-    splat, and the rows of all covered points.
+    Returns four arrays, in the order in which this thread grew the splats:
+        index in `seeds` of each splat
+        number of points that each covers
+        radius of each
+        rows of all covered points, splat by splat
     """
     lent, seeds, bound = borrow(cloud), borrow(seeds), borrow(bound)
     met = np.full(len(lent.positions), -1, np.int32)
@@ -204,9 +211,11 @@ def grow(cloud: Cloud, seeds: NDArray[np.int32], bound: Floats, error: float) ->
 def grow_pool(
     cloud: Cloud, bound: Floats, error: float, times: int, wanted: Flags | None = None
 ) -> tuple[Splats, Floats]:
-    """Grow splats to choose from, until each wanted point lies in at least `times` of them or all are seeds.
+    """Grow splats to choose from, until each wanted point lies in at least `times` of them or is the centre of one.
 
-    bound : (n,) largest radius at each point; error : largest error of a splat; wanted : (n,) bool, default: all
+    bound : (n,) largest radius of a splat at each point
+    error : half the largest range of heights of a splat's points over its plane
+    wanted : (n,) bool, points to cover, default: all
 
     Returns the splats and their radii (m,). The cost is about n * times, regardless of the size of splats. A splat for
     each point would cost n times their size.
@@ -228,9 +237,9 @@ def grow_pool(
 
 @kernel
 def _grade(work: Array, sizes: Array, cloud: Cloud, slope: float) -> None:
-    """Lower sizes[i] to sizes[j] + slope |x_i - x_j| from neighbour j to neighbour i, smallest first.
+    """Lower sizes, in place, until those of neighbours differ by at most `slope` times their distance.
 
-    sizes : (n,) of splats at the points x of the cloud
+    sizes : (n,) radii of splats centred at the points of the cloud; the smallest are processed first
     """
     n = len(sizes)
     keys, rows = np.empty(2 * n + 64, np.float32), np.empty(2 * n + 64, np.int32)

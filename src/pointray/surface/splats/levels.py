@@ -91,9 +91,11 @@ def coarsen(
 
 
 def means_of(groups: Groups, fine: Fine, cell: float) -> Coarse:
-    """Average each group of splats: mean positions, normals and noise, and root mean square colours.
+    """Average each group of splats: mean positions, normals and noise, root mean square colours, limits of radii.
 
-    fine : the splats; groups : their rows in groups that share a grid cell; cell : edge length of the cells
+    fine : the splats
+    groups : their rows in groups that share a grid cell
+    cell : edge length of the cells, the least limit of a radius
     """
     normals, colors = groups.mean(fine.normals), None
     if fine.colors is not None:

@@ -68,9 +68,10 @@ def difference(a: Triple, b: Triple) -> Triple:
 
 @kernel
 def _fit(work: Array, xyz: Xyz, near: Array, width: int, columns: tuple[int, int], out: tuple[Array, ...]) -> None:
-    """Fit a plane to neighbours columns[0]:columns[1] of each point.
+    """Fit a plane to some neighbours of each point; write its normal, and how well it fits, to `out`.
 
     xyz : x, y and z of all points; near : flat rows of neighbours, `width` for each point
+    columns : first and end of the range of neighbours to use
     out : x, y, z of the normals, thickness, slimness, offset and reach, the arrays of `LocalPlanes`
     """
     xyz, near, out = borrow(xyz), borrow(near), borrow(out)
@@ -112,9 +113,10 @@ def _fit(work: Array, xyz: Xyz, near: Array, width: int, columns: tuple[int, int
 
 @kernel
 def _disagree(work: Array, normals: Xyz, near: Array, width: int, columns: tuple[int, int], out: Array) -> None:
-    """Write the mean squared sine between each point's normal and those of neighbours columns[0]:columns[1].
+    """Write the mean squared sine between each point's normal and those of some of its neighbours.
 
     normals : x, y and z of all points; near : flat rows of neighbours, `width` for each point
+    columns : first and end of the range of neighbours to use; out : (n,) output
     """
     normals, near, out = borrow(normals), borrow(near), borrow(out)
     first, end = columns
@@ -134,11 +136,14 @@ def _disagree(work: Array, normals: Xyz, near: Array, width: int, columns: tuple
 def _bend(own: Triple, normal: Triple, place: Triple, other: Triple) -> tuple[F16, F16, F16, F16]:
     """Compare 16 points with a neighbour each, to see whether their normals follow the surface's curvature.
 
-    own, normal : positions and normals of the points; place, other : of the neighbours
+    own, normal : positions and normals of the points
+    place, other : positions and normals of the neighbours
 
-    Returns how far each neighbour is off an arc perpendicular to both normals, and off the point's plane, both divided
-    by the distance of the points. The third number is 1 if the neighbour faces the same way; otherwise the first three
-    are 0. The fourth is 1 if both points lie in one plane according to their normals.
+    Returns for each point:
+        how far the neighbour is off an arc perpendicular to both normals, divided by the distance of both
+        how far the neighbour is off the point's plane, divided by the same distance
+        1 if the neighbour faces the same way; otherwise the first three results are 0
+        1 if point and neighbour lie in one plane according to their normals, else 0
     """
     away = difference(place, own)
     size = vmax(vsqrt(inner(away, away)), broadcast16(f32(TINIEST)))
@@ -155,11 +160,14 @@ def _bend(own: Triple, normal: Triple, place: Triple, other: Triple) -> tuple[F1
 
 @kernel
 def _off_arcs(work: Array, xyz: Xyz, normals: Xyz, near: Array, width: int, columns: tuple[int, int], out: Xyz) -> None:
-    """Write how far neighbours columns[0]:columns[1] are off arcs perpendicular to both normals, and off planes.
+    """Write how far some neighbours of each point are off arcs perpendicular to both normals, and off its plane.
 
     xyz, normals : x, y and z of all points; near : flat rows of neighbours, `width` for each point
-    out : outputs: mean deviations from the arcs and from the points' planes, divided by the neighbours' distances (1 if
-        no neighbour faces the same way); number of neighbours that lie in one plane with the point
+    columns : first and end of the range of neighbours to use
+    out : three outputs, (n,) each:
+        mean deviation from the arcs, divided by the neighbours' distances; 1 if no neighbour faces the same way
+        mean deviation from the point's plane, divided likewise
+        number of neighbours that lie in one plane with the point according to both normals
     """
     xyz, normals, near, out = borrow(xyz), borrow(normals), borrow(near), borrow(out)
     first, end = columns
@@ -190,7 +198,7 @@ def columns_of(rows: Floats) -> tuple[Floats, Floats, Floats]:
 def fit_planes(
     xyz: tuple[Floats, ...], near: NDArray[np.int32], columns: tuple[int, int], threads: int | None = None
 ) -> LocalPlanes:
-    """Fit a plane to neighbours of each point.
+    """Fit a plane to neighbours of each point; return its normal, thickness and other properties.
 
     Parameters
     ----------

@@ -17,8 +17,10 @@ from .voronoi import CHUNK, OTHER_SHEET, Neighborhood
 def _gather_sorted(values: Array, normals: Array, i: int, near: Array, limit: float, found: Array) -> int:
     """Write, sorted, the values of the first neighbours of point i with a similar normal; return their number.
 
-    near : rows of neighbours, nearest first; limit : least cosine of their normals with that of point i
-    normals : flat; found : output, as long as the maximum number
+    values : (n,); normals : flat
+    near : rows of neighbours, nearest first
+    limit : least cosine of a neighbour's normal with that of point i
+    found : output; its length is the maximum number
     """
     n, count = load3_flat(normals, 3 * i), 0
     for j in near:
@@ -135,7 +137,7 @@ def medians_around(
         Rows of each point and its 8 nearest neighbours.
     odd : Neighborhood
         Points whose 8 nearest neighbours are not all on their own sheet, with more neighbours. All points, if there
-        are fewer than 16 or fewer neighbours.
+        are fewer than 16 points or 8 neighbours.
     own : bool
         Whether to include the point's own value.
     """

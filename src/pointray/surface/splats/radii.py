@@ -88,7 +88,8 @@ def choose_radii(
     statistics : CloudStatistics, optional
         Statistics of the whole cloud, if the points are a part of one. Default: those of the points.
     others : (m, 3) float32, optional
-        Scattered points of the same cloud, such as leaves. Where they are near, discs span narrower gaps.
+        Scattered points of the same cloud, such as leaves. They get no radii; where they are near, discs span narrower
+        gaps.
 
     Raises
     ------
@@ -111,7 +112,9 @@ def _merged(cloud: Cloud, found: Chosen, cell: float, statistics: CloudStatistic
 
     found : result without merging, which is returned if all points are in one grid cell
     cell : edge length of the grid cells
-    others : scattered points of the same cloud, which are not in `cloud`
+    statistics : of the whole cloud
+    others : scattered points of the same cloud, not in `cloud`; they get no radii, but discs beside them span narrower
+        gaps
     """
     nearest = distances(cloud.positions, Neighborhood(np.arange(len(found.near)), found.near), 1)
     rows, members = _in_cells(cloud.positions, nearest, cell)
@@ -141,9 +144,11 @@ def _in_cells(positions: Floats, nearest: Floats, cell: float) -> tuple[Rows, Ro
 def _survey(
     cloud: Cloud, whole: CloudStatistics, others: Floats | None = None, progress: Progress | None = None
 ) -> Chosen:
-    """Measure each point's Voronoi cell; limit the cells of isolated points; find open borders and isolated points.
+    """Find a radius for each point from its Voronoi cell, reduce those of isolated points, and find open borders.
 
-    whole : statistics of the whole cloud; others : scattered points of the same cloud, which are not in `cloud`
+    whole : statistics of the whole cloud
+    others : scattered points of the same cloud, not in `cloud`; they get no radii, but discs beside them span narrower
+        gaps
 
     The radii of the result reach the farthest vertices of the cells, without the factor by which supports overlap.
     """
@@ -182,7 +187,7 @@ def _survey(
 
 
 def _height(positions: Floats, normals: Floats, rows: Rows, near: NDArray[np.int32]) -> Floats:
-    """Return how far neighbours are off the tangent plane of each of `rows`, (m,): mean sine of the angle to them.
+    """Return how far neighbours are off the tangent plane of each of `rows`, (m,): mean sine of their angle to it.
 
     A large value means that the point lies above a surface. near : (m, k) rows of neighbours
     """

@@ -22,9 +22,11 @@ CHUNK = 2048
 
 @kernel
 def _find(work: Array, cloud: tuple[Array, Array, Array], neighborhood: tuple[Array, Array], out: Array) -> None:
-    """Set out[i] to 1 where a neighbour faces away from splat i and the support of either reaches the other's sheet.
+    """Set `out` to 1 for pairs of splats that face away from each other, if a support reaches the other's sheet.
 
-    cloud : flat positions, normals and radii; neighborhood : rows of the splats, and each with its neighbours (m, k)
+    cloud : flat positions, normals and radii of n splats
+    neighborhood : rows of the splats to examine (m,), and each of these with its neighbours (m, k)
+    out : (n,), initially 0
     """
     (positions, normals, radii), (rows, near), out = borrow(cloud), borrow(neighborhood), borrow(out)
     tile = next_tile(work)

@@ -55,8 +55,10 @@ FINEST = 1e-7  # least error bound that is tried for a count, in diagonals
 class Subsample(NamedTuple):
     """Result of `subsample`, and the data for its warnings.
 
-    points, radii : the chosen points, and their (m,) support radii
-    within : share of the given points within the tolerance of the surface; 1 if a count was given
+    points : the chosen points
+    radii : (m,) float32, support radii of the chosen points
+    within : share of the given cloud's points (smoothed, finite, distinct) that lie within the tolerance of the surface
+        of the chosen points; 1 if a count was given
     message : warning about the normals, or None
     """
 
@@ -67,7 +69,7 @@ class Subsample(NamedTuple):
 
     @property
     def met(self) -> bool:
-        """Whether the guaranteed share of the points, 99.9%, is within the tolerance."""
+        """Whether at least 99.9% of the given cloud's points lie within the tolerance of the chosen points' surface."""
         return self.within >= SHARE
 
 
@@ -147,7 +149,11 @@ def find_subsample(
 ) -> Subsample:
     """Reduce a cloud to fewer points that represent the same surface, like `subsample`, but without issuing warnings.
 
-    Give either `tolerance`, the largest error, or `count`, the number of points. smooth : noise to remove, or "auto"
+    Give either `tolerance` or `count`.
+
+    tolerance : largest distance of 99.9% of the cloud's points from the surface of the result
+    count : number of points of the result
+    smooth : standard deviation of the noise to remove first, or "auto"
     """
     check_kind(points, "points", Points, "Points")
     check_callback(progress)
@@ -208,7 +214,7 @@ def describe_cloud(points: Points) -> Cloud:
 
 
 def _within(cloud: Cloud, tolerance: float, report: StageProgress) -> Subset:
-    """Select splats whose surface is within the tolerance of the points, and refine them where it is not."""
+    """Select splats whose surface lies within `tolerance` of the cloud's points; replace splats with larger errors."""
     error = LEEWAY * tolerance
     report("sizes", 0.0)
     sizes = measure(cloud, error)
@@ -226,7 +232,10 @@ def _within(cloud: Cloud, tolerance: float, report: StageProgress) -> Subset:
 
 
 def _as_many(cloud: Cloud, count: int, diagonal: float, report: StageProgress) -> Subset:
-    """Select exactly `count` splats with an error as small as possible. diagonal : of the cloud, limits the error"""
+    """Select exactly `count` splats, with distances between their surface and the cloud's points as small as possible.
+
+    diagonal : length of the diagonal of the cloud's bounding box, the largest error bound that is tried
+    """
     if count == len(cloud.positions):
         return fit(cloud, _single(np.arange(count), cloud.radii), diagonal * FINEST)
     splats, sizes, error = _meet(cloud, count, diagonal, report)
@@ -247,11 +256,11 @@ def _as_many(cloud: Cloud, count: int, diagonal: float, report: StageProgress) -
 
 
 def _first(ratio: Floats, number: int) -> Floats:
-    """Select the `number` splats with the largest errors, to refine only these; return relative errors, 0 for others.
+    """Return errors of splats, the `number` largest over 1 and all others 0, so that only these are refined.
 
     ratio : (m,) error of each splat over the tolerance
 
-    The errors, (m,), are relative to the least of those selected, but at least 1.001: splats over 1 are refined.
+    The result, (m,), is `ratio` divided by the least of the selected errors, but at least 1.001.
     """
     first = np.argsort(-ratio, kind="stable")[:number]
     out = np.zeros_like(ratio)
@@ -262,9 +271,11 @@ def _first(ratio: Floats, number: int) -> Floats:
 def _meet(cloud: Cloud, count: int, diagonal: float, report: StageProgress) -> tuple[Splats, Floats, float]:
     """Select at most `count` splats, and not many fewer, by trying error bounds.
 
-    diagonal : of the cloud, the largest bound
+    An error bound is half the largest range of heights of a splat's points over its plane.
 
-    The number falls short of `count`, so that splats with large errors can be replaced by several smaller ones.
+    diagonal : length of the diagonal of the cloud's bounding box, the largest bound that is tried
+
+    About a fifth of `count` is left unused, so that splats with large errors can be replaced by several smaller ones.
 
     Returns the splats, the largest radius of a splat at each point (n,), and the error bound.
     """
@@ -292,7 +303,9 @@ def _meet(cloud: Cloud, count: int, diagonal: float, report: StageProgress) -> t
 def _guess(cloud: Cloud, goal: int, diagonal: float) -> float:
     """Estimate the error bound at which about `goal` splats cover the cloud, from a sample of its points.
 
-    diagonal : of the cloud, the largest bound
+    The error bound is half the largest range of heights of a splat's points over its plane.
+
+    diagonal : length of the diagonal of the cloud's bounding box, the largest bound
     """
     n = len(cloud.positions)
     some = np.zeros(n, np.bool_)
@@ -307,7 +320,10 @@ def _guess(cloud: Cloud, goal: int, diagonal: float) -> float:
 
 
 def _single(rows: NDArray[Any], widths: Floats) -> Splats:
-    """Return splats that cover one point each. rows : (m,) these points; widths : (m,) of the splats"""
+    """Return splats that cover one point each.
+
+    rows : (m,) these points; widths : (m,) radius of each splat
+    """
     rows = rows.astype(np.int32)
     return Splats(rows, np.arange(len(rows) + 1), rows, widths.astype(np.float32))
 
@@ -315,8 +331,10 @@ def _single(rows: NDArray[Any], widths: Floats) -> Splats:
 def _more(cloud: Cloud, subset: Subset, number: int) -> Splats:
     """Return `number` more splats of one point each, to reach an exact count.
 
-    subset : splats so far. New ones lie at points that these cover: first one for each of these, then more, by
-        increasing error, because new splats disturb the fit.
+    subset : the splats so far
+
+    The new splats lie at points that these cover: first at one point of each, then at others. Within both, points of
+    splats with a small error come first, because new splats disturb the fit.
     """
     splats = subset.splats
     free = np.ones(len(cloud.positions), np.bool_)

@@ -48,9 +48,11 @@ class Subset(NamedTuple):
 
 
 def measure(cloud: Cloud, error: float, times: int = SIZE_SAMPLES, wanted: Flags | None = None) -> Floats:
-    """Return the largest radius of a splat at each point within an error bound, (n,); neighbours differ little.
+    """Return the largest radius of a splat within an error bound at each point, (n,); neighbours differ little.
 
-    times : splats that are grown over each point to measure; wanted : (n,) bool, points to measure, default: all
+    error : bound, half the largest range of heights of a splat's points over its plane
+    times : number of splats to grow over each point for the measurement
+    wanted : (n,) bool, points at which radii are measured, default: all
     """
     low, high = cloud.positions.min(axis=0), cloud.positions.max(axis=0)
     widest = np.full(len(cloud.positions), WIDEST * np.linalg.norm(np.float64(high) - low), np.float32)
@@ -61,9 +63,9 @@ def measure(cloud: Cloud, error: float, times: int = SIZE_SAMPLES, wanted: Flags
 
 
 def grade_sizes(cloud: Cloud, sizes: Floats) -> Floats:
-    """Lower radii of splats (n,) so that they change gradually, but not below a share of the cloud's spacing.
+    """Lower radii of splats (n,) so that they change gradually, but stay above a share of the local spacing.
 
-    A large support that reaches into fine detail would spoil it.
+    A large support that reaches into fine detail would spoil the detail. Returns the new radii.
     """
     least = np.float32(LEAST) * cloud.radii
     return np.asarray(np.maximum(grade(np.maximum(sizes, least), cloud, SLOPE), least))
@@ -72,7 +74,8 @@ def grade_sizes(cloud: Cloud, sizes: Floats) -> Floats:
 def select(cloud: Cloud, sizes: Floats, error: float, progress: StageProgress) -> Splats:
     """Select splats that cover every point: greedily by newly covered area, then relaxed to fewer.
 
-    sizes : (n,) largest radius of a splat at each point; error : largest error of a splat
+    sizes : (n,) largest radius of a splat at each point
+    error : half the largest range of heights of a splat's points over its plane
     """
     pool, rows = select_greedily(cloud, sizes, error)
     return pool.pick(relax(pool, cloud, rows, progress=progress))
@@ -81,7 +84,8 @@ def select(cloud: Cloud, sizes: Floats, error: float, progress: StageProgress) -
 def select_greedily(cloud: Cloud, sizes: Floats, error: float) -> tuple[Splats, NDArray[np.int32]]:
     """Return candidate splats, and the rows of those that a greedy selection by newly covered area chooses, (m,) int32.
 
-    sizes : (n,) largest radius of a splat at each point; error : largest error of a splat
+    sizes : (n,) largest radius of a splat at each point
+    error : half the largest range of heights of a splat's points over its plane
     """
     pool, _ = grow_pool(cloud, sizes, error, CANDIDATES)
     return pool, choose(pool, cloud, np.zeros(len(sizes), np.int32))
@@ -90,7 +94,9 @@ def select_greedily(cloud: Cloud, sizes: Floats, error: float) -> tuple[Splats, 
 def fit(cloud: Cloud, splats: Splats, error: float) -> Subset:
     """Shift and tilt the splats until their blended surface is centred among the points that each covers.
 
-    error : error bound, which limits the influence of outliers
+    error : distances of points from the surface are clipped to twice this, so that outliers do not guide the fit
+
+    Also measure the distances of the points from the result.
     """
     at, own, members = splats.starts[:-1], splats.owners, splats.members
     seeds, first = cloud.positions[splats.seeds], cloud.normals[splats.seeds]
@@ -118,16 +124,18 @@ def fit(cloud: Cloud, splats: Splats, error: float) -> Subset:
 def _heights(cloud: Cloud, surface: tuple[Floats, Floats, Floats], error: float) -> Floats:
     """Return the signed distances of the cloud from a surface, (n,), clipped so that outliers do not guide a fit.
 
-    surface : positions, normals and support radii of splats; error : half of the limit
+    surface : positions, normals and support radii of splats
+    error : distances are clipped to twice this
     """
     distances, _ = deviations(cloud.positions, cloud.normals, surface)
     return np.clip(distances, -2 * error, 2 * error)
 
 
 def _tilted(first: Floats, normals: Floats, slope: NDArray[np.floating[Any]]) -> Floats:
-    """Tilt unit normals (m, 3) by the tangential part of `slope` (m, 3), unless they would be too far from `first`.
+    """Tilt unit normals (m, 3) by the tangential part of `slope`, unless they would be over 26 degrees from `first`.
 
     first : (m, 3) normals of the points from which the splats grew
+    slope : (m, 3) gradient, along the splat, of the heights of the points over the surface
     """
     slope = slope - np.einsum("ij,ij->i", slope, normals)[:, None] * normals
     new = normals - slope
@@ -136,7 +144,10 @@ def _tilted(first: Floats, normals: Floats, slope: NDArray[np.floating[Any]]) ->
 
 
 def _shifted(seeds: Floats, positions: NDArray[np.floating[Any]], widths: Floats) -> Floats:
-    """Return positions (m, 3) moved to at most half a splat's width from its seed. seeds : (m, 3); widths : (m,)"""
+    """Return the positions of splats, (m, 3), moved towards their seeds where they are over half a width from these.
+
+    seeds : (m, 3) points from which the splats grew; widths : (m,) widths of the splats
+    """
     offsets = positions - seeds
     length = np.linalg.norm(offsets, axis=1)
     return np.asarray(seeds + offsets * np.minimum(1, 0.5 * widths / np.maximum(length, 1e-30))[:, None], np.float32)
@@ -155,10 +166,11 @@ def worst(subset: Subset, tolerance: float) -> Floats:
 def shrink_splats(cloud: Cloud, subset: Subset, sizes: Floats, error: float, ratio: Floats) -> tuple[Splats, Floats]:
     """Shrink splats of a subset whose error is too large, and cover their points again with smaller ones.
 
-    sizes : (n,) largest radius of a splat at each point; error : largest error of a new splat
-    ratio : (m,) error of each splat over the tolerance; over 1 it is shrunk
+    sizes : (n,) largest radius of a splat at each point
+    error : half the largest range of heights of a new splat's points over its plane
+    ratio : (m,) error of each splat of the subset over the tolerance; over 1 the splat is shrunk
 
-    Returns the splats that remain together with the new ones, and the reduced sizes.
+    Returns the splats that remain together with the new ones, and the reduced sizes (n,).
     """
     splats = subset.splats
     shrunk = splats.widths * np.clip(SHRINK[1] * np.maximum(ratio, 1) ** -0.5, *SHRINK)

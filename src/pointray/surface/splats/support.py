@@ -107,7 +107,8 @@ def find_support(
     statistics : CloudStatistics, optional
         Statistics of the whole cloud, if the splats are a part of one. Default: those of the splats.
     others : (m, 3) float32, optional
-        Scattered points of the same cloud, such as leaves; chosen discs span narrower gaps beside them.
+        Scattered points of the same cloud, such as leaves. They get no support; chosen discs span narrower gaps beside
+        them.
     noise : (n,) float32, optional
         Standard deviation of the noise of each point. Frayed borders are trimmed where it is greater than 0.
 

@@ -61,9 +61,11 @@ def _unfolded(positions: Array, normals: Array, i: int, j: int, axes: tuple[Vec3
 def _cut(polygons: Array, which: int, count: int, a: float, b: float, j: int) -> int:
     """Clip a polygon to the points closer to the origin than to (a, b), the position of point j; return its new size.
 
-    polygons : two polygons with rows x, y and the point whose bisector the side from that corner lies on (-1: the
-    square). Polygon `which`, with `count` corners, is clipped into the other one. (Arrays that inlined functions return
-    are freed too early.)
+    polygons : two polygons. Polygon `which`, with `count` corners, is clipped into the other one. Each row holds x and
+        y of a corner, and the point whose bisector the side from that corner lies on, -1 for a side of the initial
+        square
+
+    (Arrays that inlined functions return are freed too early.)
     """
     limit = 0.5 * (a * a + b * b)
     edge = SHARED * limit
@@ -115,11 +117,13 @@ def cell_of(
 ) -> tuple[int, int, float]:
     """Clip a square in the tangent plane of point i to its Voronoi cell.
 
-    positions, normals : flat; axes : tangents of point i; near : its row, then those of its neighbours, nearest first
+    positions, normals : flat; axes : tangents of point i
+    near : row i, then the rows of the neighbours of point i, nearest first
     polygons : memory for two polygons of 64 rows: x and y of a corner relative to point i, and the row of the neighbour
         whose bisector the side from that corner lies on, -1 for a side of the square
 
-    Returns the index of the polygon that is the cell, its number of corners, and the largest squared distance of one.
+    Returns the index of the polygon that is the cell, its number of corners, and the largest squared distance of a
+    corner from point i.
     """
     side = math.sqrt(_square(positions, i, i64(near[len(near) - 1])))
     for k in range(4):
@@ -141,11 +145,11 @@ def cell_of(
 
 @inline
 def mirror(corners: Array, k: int, after: int) -> tuple[Vec2, float]:
-    """Mirror the origin at a side of a Voronoi cell, which gives the neighbour behind that side.
+    """Mirror the origin at a side of a Voronoi cell, which gives the position of the neighbour behind that side.
 
-    corners : rows that begin with x, y; k, after : corners at both ends of the side
+    corners : rows that begin with x, y, relative to the cell's point; k, after : corners at both ends of the side
 
-    Also return the side's distance from the origin, where the cell's own point is.
+    Also return the distance of the side from the origin.
     """
     x, y = corners[k, 0], corners[k, 1]
     dx, dy = corners[after, 0] - x, corners[after, 1] - y
@@ -203,12 +207,15 @@ def _reach(
 ) -> tuple[float, bool]:
     """Return the distance to the farthest vertex of a Voronoi cell, and whether its point is on no open border.
 
-    cloud : flat positions and normals; corners : of the cell of point i, `count` rows: x, y, neighbour behind the side
-    known : the typical distance to the farthest vertex at this point; that at all points; the widest gap, in units of
-        it, that is closed
+    cloud : flat positions and normals; i : the cell's point
+    corners : `count` corners of the cell: x, y, and the neighbour behind the side from that corner
+    known : three values:
+        typical distance to a cell's farthest vertex around point i
+        that distance around every point, (n,), or empty
+        largest distance of a vertex that counts, in typical distances
     ahead : direction of a possible gap in the surface, or zero
 
-    Vertices across wider gaps do not count. Each side also counts with its point closest to the origin.
+    Farther vertices lie across wide gaps and do not count. Each side also counts with its point closest to point i.
     """
     own, typical, void = known
     within, beyond, closed, facing = 0.0, 0.0, True, False
@@ -252,11 +259,15 @@ def _measure(
 ) -> None:
     """Write the distance to the farthest vertex of each row's Voronoi cell, and whether the cell is closed.
 
-    With typical distances, the second result is whether the point is on no open border.
+    A closed cell is one that no farther neighbour could change. With typical distances, the second result is whether
+    the point is on no open border.
 
-    rows : (m,) the points; near : (m, k) each point, then its neighbours, nearest first; out : (m,) for both results
-    known : outward directions at possible gaps, flat, and typical distances to the farthest vertex (both may be empty);
-        the widest gap that is closed, in these distances
+    rows : (m,) the points; near : (m, k) each point, then its neighbours, nearest first
+    known : three values:
+        outward directions at possible gaps, flat; may be empty
+        typical distance to a cell's farthest vertex around every point, (n,); may be empty
+        largest distance of a vertex that counts, in typical distances; farther ones lie across wide gaps
+    out : (m,) for both results
     """
     positions, normals, rows = borrow(positions), borrow(normals), borrow(rows)
     near, (gaps, typical, void), (reach, closed) = borrow(near), borrow(known), borrow(out)
@@ -314,10 +325,11 @@ def measure_cells(
         Outward direction for points on a possible border, else zero.
     typical : (n,) float32, optional
         Typical distance to a cell's farthest vertex around each point. None: every vertex counts. Otherwise a vertex
-        counts if it is within `void` (in the direction of a gap, 1.3) times that distance, taken at this point or at
-        one of the two points that share the vertex, where the surface may continue more sparsely.
+        counts if its distance is at most `void` (in the direction of a gap, 1.3) times the typical one, taken at this
+        point or at one of the two points that share the vertex, where the surface may continue more sparsely.
     void : float
-        Gaps up to this many typical distances wide are closed.
+        Largest distance of a vertex that counts, in typical distances. A vertex lies in the middle of a gap, so that
+        wider gaps stay open.
 
     Returns
     -------

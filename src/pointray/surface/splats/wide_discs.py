@@ -101,9 +101,10 @@ def limit_wide(
 
 
 def _find_supporters(positions: Floats, normals: Floats, reach: Floats, rows: Rows, typical: np.float32) -> Supporters:
-    """Find wide discs that lie close to each of `rows` and on a smooth sheet with it.
+    """Find, for each wide disc of `rows`, other wide discs that lie close to it and on a smooth sheet with it.
 
-    reach : (n,) distance to the farthest vertex of each point's Voronoi cell; typical : its median
+    reach : (n,) distance to the farthest vertex of each point's Voronoi cell
+    typical : median of `reach` over all points
 
     Discs of similar width, up to a factor of two, are processed together; only one in each grid cell counts.
     """
@@ -130,7 +131,8 @@ def _on_one_sheet(positions: Floats, normals: Floats, rows: Rows, found: NDArray
     """Return which points lie on a smooth sheet with each row: near a circular arc perpendicular to both normals.
 
     rows : (m,); found : (m, k) rows of the points to test, the shape of the result
-    level : (m,) length; the tolerance is a share of the distance of both points, or of this if it is greater
+    level : (m,) length. A point may be off the arc by a fifth of its distance from the row's point, or of this length
+        if that is greater
 
     Signs of normals are free.
     """
@@ -144,8 +146,9 @@ def _on_one_sheet(positions: Floats, normals: Floats, rows: Rows, found: NDArray
 def _find_isolated(reach: Floats, supporters: Supporters, typical: np.float32) -> Rows:
     """Return the rows of wide discs that too few other wide discs support; isolated discs do not count as support.
 
-    reach : (n,) distance to the farthest vertex of each point's Voronoi cell; typical : its median
+    reach : (n,) distance to the farthest vertex of each point's Voronoi cell
     supporters : for each wide disc, others that lie on a smooth sheet with it
+    typical : median of `reach` over all points
     """
     rows, fit, around = supporters
     wanted = np.minimum(reach[rows] / typical, OTHERS)
@@ -172,8 +175,10 @@ def _first_medians(values: Floats, otherwise: np.float32) -> Floats:
 def _spare(positions: Floats, reach: Floats, supporters: Supporters, typical: np.float32, reach_around: Floats) -> None:
     """Reduce the reach of dense points beside sparse ones, in place: both would cover the gap between them.
 
-    reach : (n,) distance to the farthest vertex of each point's Voronoi cell; typical : its median over all points
-    reach_around : (n,) its median around each point; supporters : wide discs, with similar ones on one sheet with them
+    reach : (n,) distance to the farthest vertex of each point's Voronoi cell
+    supporters : wide discs, and for each similar ones on one sheet with it
+    typical : median of `reach` over all points
+    reach_around : (n,) median of `reach` around each point
     """
     crowded = reach > np.maximum(CROWDED * reach_around, NOTICE * typical)
     some = crowded[supporters.rows]

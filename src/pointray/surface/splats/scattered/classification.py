@@ -105,8 +105,8 @@ def scattered_places(
     places : (n, 3) float32
         All distinct, in kd order. Fewer than 17 are all scattered.
     rows : (n,) array of ints
-        Ascending index of each position's first point in the kd order of the whole cloud. Coarse scales sample the rows
-        of that order, so that a part of it gives the same result as the whole.
+        Ascending index of each position's first point in the kd order of the whole cloud. Planes at coarse scales are
+        fitted to every 4th and 16th row of that order, so that a part of the cloud gives the same result as the whole.
     normals : Normals, optional
         Unit normals of the positions, which can only turn scattered points into surface points.
     """
@@ -182,9 +182,10 @@ def _scattered(
 
 
 class _Parts(NamedTuple):
-    """Consecutive parts of n points in kd order, which sample the cloud for planes at a coarse scale.
+    """Runs of consecutive points in kd order, here called parts, which sample n points for planes at a coarse scale.
 
-    rows : (m,) int64, middle point of each part; starts : (m,) int64, its first point
+    rows : (m,) int64, middle point of each part
+    starts : (m,) int64, first point of each part
     part : (n,) int32, part of each point
     near : (m, 17) int32, each part and the 16 nearest ones by their middle points
     """
@@ -245,11 +246,12 @@ def _evidence(
 
 
 def _coarse_planes(positions: Floats, xyz: tuple[Floats, ...], parts: _Parts, threads: int | None) -> LocalPlanes:
-    """Fit planes to the middle points around each part; return that of its part for each of n points.
+    """Fit a plane to the middle points of each part and the 16 nearest parts; return for each point its part's plane.
 
     The offset of the result is the signed distance of the point itself from that plane.
 
-    positions : (n, 3); xyz : their columns; parts : consecutive points in kd order, with a middle point each
+    positions : (n, 3); xyz : x, y and z of these
+    parts : runs of consecutive points in kd order, with a middle point each
     """
     middles = positions[parts.rows]
     planes = fit_planes(columns_of(middles), parts.near, (0, FEW), threads)

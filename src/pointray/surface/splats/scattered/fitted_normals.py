@@ -41,9 +41,10 @@ def follow_normals(
 ) -> None:
     """Mark points as surface, in place, where normals follow the curvature: arcs through neighbours fit the normals.
 
-    xyz : x, y and z of n points; near : (n, k) rows of each point and its neighbours
-    surface : (n,) 1 for surface points, else 0
-    evidence : planes fitted at four scales; they show lines, along which fitted normals prove nothing
+    xyz : x, y and z of n points
+    near : (n, k) rows of each point and its neighbours
+    surface : (n,) 1 for surface points, else 0; updated
+    evidence : planes fitted to the neighbours at four scales; they show lines, along which fitted normals prove nothing
     """
     *heights, same = off_arcs(xyz, normals.xyz, near, (1, AROUND), threads)
     arc, plane = (medians(values, near, threads) for values in heights)

@@ -31,8 +31,8 @@ def _join(surface: Array, near: Array, width: int, parents: Array, sizes: Array,
 
     surface : (n,) class of each point, 1 or 0; near : flat, `width` rows for each point: the point, then its neighbours
     parents : (n,) int32, initially each point itself; becomes the group's root
-    sizes : (n,) output, number of points of a group, at its root
-    contacts : (n,) output, number of pairs of neighbours of which only one is in the group, at its root
+    sizes : (n,) output, number of points of each group, at the index of its root
+    contacts : (n,) output, number of pairs of neighbours with only one in the group, at the index of its root
     """
     surface, near, parents = borrow(surface), borrow(near), borrow(parents)
     sizes, contacts = borrow(sizes), borrow(contacts)
@@ -57,9 +57,10 @@ def _join(surface: Array, near: Array, width: int, parents: Array, sizes: Array,
 
 
 def absorb_islands(surface: Floats, alone: Floats, near: NDArray[np.int32]) -> Floats:
-    """Return the class of points after small groups took that of the points that enclose them, (n,).
+    """Give small groups of points the class of the points that enclose them; return the new class of each point, (n,).
 
-    surface : (n,) 1 for surface points, else 0; alone : (n,) over 0 for points that never become surface
+    surface : (n,) class before, 1 for surface points, else 0
+    alone : (n,) over 0 for points that never become surface
     near : (n, 17) int32, rows of each point and its nearest neighbours
     """
     if surface.all():

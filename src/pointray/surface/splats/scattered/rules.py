@@ -24,11 +24,12 @@ Nine: TypeAlias = tuple[F16, F16, F16, F16, F16, F16, F16, F16, F16]
 
 
 class Limits(NamedTuple):
-    """Limits of the measurements of a surface point's neighbourhood at one scale.
+    """Thresholds for a point to count as surface, on its neighbours at one scale and the plane fitted to them.
 
-    bend : mean squared sine between the normals of neighbouring planes, at most
-    thickness, offset : of the neighbours and of the point from the fitted plane, in spacings, at most
-    slimness : second largest variance of the neighbours over the largest, at least; 0 on a line
+    bend : upper limit of the mean squared sine between the normals of neighbouring planes
+    thickness : upper limit of the standard deviation of the neighbours from the plane, in spacings
+    offset : upper limit of the distance of the point from the plane, in spacings
+    slimness : lower limit of the ratio of the neighbours' second largest variance to their largest, 0 on a line
     """
 
     bend: float
@@ -56,13 +57,13 @@ class Evidence(NamedTuple):
     """Measurements of n points at four scales, from which `judge` finds the points on a surface; (n,) float32 each.
 
     The scales are the 8 and the 16 nearest neighbours, and every 4th and every 16th point in kd order. At each, planes
-    are fitted to the neighbours.
+    are fitted to the neighbours. The first four fields hold an array for each scale, in this order.
 
     bends : mean squared sine between the normals of neighbouring planes
     thicknesses : standard deviation of the neighbours from the plane
     slimnesses : second largest variance of the neighbours over the largest, 0 on a line
     offsets : signed distance of the point from the plane, at the coarse scales from that of its part of the kd order
-    coarse, coarsest : x, y and z of the normals at the two coarse scales
+    coarse, coarsest : x, y and z of the planes' normals at the two coarse scales
     reaches : distance of the farthest of the 8 nearest, of the 16 nearest, and of the neighbours among every 4th point
     """
 
@@ -153,10 +154,13 @@ def _median_off(xyz: Xyz, normals: Xyz, offsets: Array, at: int, near: Array, wi
 
 @inline
 def _within(limits: Limits, bend: F16, thickness: F16, offset: F16, spacing: F16) -> Mask:
-    """Return which of 16 neighbourhoods are thin and smooth and have the point on their plane.
+    """Return for which of 16 points the neighbourhood is thin and smooth, and the plane fitted to it is close.
 
-    bend : mean squared sine between neighbouring planes; thickness : of the neighbourhood; offset : of the point from
-        the plane; spacing : local distance of points, the unit of the limits of these two
+    limits : upper limits of the next three
+    bend : mean squared sine between the normals of neighbouring planes
+    thickness : standard deviation of the neighbours from the plane
+    offset : distance of the point from the plane
+    spacing : local distance of points, in which thickness and offset are limited
     """
     thin = thickness < limits.thickness * spacing
     return (bend < limits.bend) & thin & (offset < limits.offset * spacing)
@@ -176,9 +180,13 @@ def _judge(
     """Write whether each point is on a surface, and whether it is isolated from its neighbours, 1 or 0.
 
     xyz : x, y and z of n points; near : flat, `width` rows for each point: the point, then its neighbours
-    scales : of planes at four scales the mean squared sine between neighbours, the deviation of the neighbours, the
-        ratio of their variances, and the distance of the point
-    normals : of the planes at the two coarse scales; reaches : distances of the farthest neighbours at three scales
+    scales : four properties of planes fitted at four scales, an array for each scale, finest first:
+        mean squared sine between the normals of neighbouring planes
+        standard deviation of the neighbours from the plane
+        second largest variance of the neighbours over the largest
+        signed distance of the point from the plane
+    normals : of the planes at the two coarse scales
+    reaches : distances of the farthest neighbours at the three finest scales
     out : outputs, (n,) for both results
     """
     xyz, near, scales, normals, reaches = borrow(xyz), borrow(near), borrow(scales), borrow(normals), borrow(reaches)
@@ -228,7 +236,8 @@ def _vote(
 
     before : (n,) 1 for surface points, else 0; alone : (n,) over 0 for isolated points, which get 0
     near : flat, `width` rows for each point: the point, then its neighbours
-    limits : number of surface points among the neighbours from which, and below which, a point changes its class
+    limits : number of surface points among the neighbours from which a point becomes surface, and below which it
+        becomes scattered
     """
     before, alone, near, out = borrow(before), borrow(alone), borrow(near), borrow(out)
     keep, lose = f32(limits[0]), f32(limits[1])

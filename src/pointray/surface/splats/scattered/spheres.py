@@ -128,7 +128,8 @@ def shapes_of(
     """Return the radii (n,) and directions (n, 3) of points drawn as spheres or discs.
 
     The direction of a sphere is the mean direction of its neighbourhood, outwards from the centroid of the neighbours.
-    That of a disc is its normal; without normals, the normal of the plane through its neighbours, on the same side.
+    The direction of a disc is the normal of its point; without normals, that of the plane through the neighbours, with
+    the sign that makes it point outwards too.
 
     Parameters
     ----------
@@ -172,7 +173,8 @@ def shapes_of(
 def _at_places(places: Floats, some: Rows, sampled: Rows, statistics: CloudStatistics) -> tuple[Floats, Floats]:
     """Return radii (n,) and directions (n, 3) of spheres at some of n distinct positions in kd order, 0 at others.
 
-    some : rows of these positions; sampled : rows that determine the largest radius
+    some : rows of these positions; sampled : rows whose 98th percentile of radii limits all radii
+    statistics : of the whole cloud; provides that percentile, or computes it
     """
     tree, count = NeighborTree(places, in_order=True), min(AROUND + 1, len(places))
     radii, outwards = np.zeros(len(places), np.float32), np.zeros_like(places)
