@@ -183,10 +183,10 @@ def tree_at(table: Array, model: int) -> Tree:
 class Ray(NamedTuple):
     """A ray in model space, as traced through one model.
 
-    ox, oy, oz : origin; dx, dy, dz : unit direction; ix, iy, iz : inverse of each component of the direction
-    t_min : where the ray begins, measured from where it enters the model's bounds; negative if a clip plane has cut it,
-        so that it does not start on a surface
-    t_max : how far it is followed: one sample step beyond its end
+    ox, oy, oz : origin, where the ray enters the model's bounds; dx, dy, dz : unit direction
+    ix, iy, iz : inverse of each component of the direction
+    t_min : t where the ray begins, or -t if it starts on no surface, as after a cut by a clip plane
+    t_max : how far the ray is followed: one sample step beyond its end
     side : +1 if a ray that starts on the surface is outside (where normals point), -1 if it is inside
     """
 
@@ -205,7 +205,10 @@ class Ray(NamedTuple):
 
 
 class Hit(NamedTuple):
-    """A ray's hit with a model, in model space: t, unit normal, index of the leaf; t = inf and leaf = -1 for a miss."""
+    """A ray's hit with a model, in model space; t = inf and leaf = -1 for a miss.
+
+    t : distance from the ray's origin; nx, ny, nz : unit normal; leaf : index of the leaf
+    """
 
     t: float
     nx: float

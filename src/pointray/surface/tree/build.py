@@ -154,7 +154,7 @@ def build_tree(
 
 
 def bounds_of(splats: Splats) -> NDArray[np.float32]:
-    """Return the bounds of the supports, (6,) lo x y z, hi x y z."""
+    """Return the box around the supports of all splats, (6,) lo x y z, hi x y z."""
     out = np.empty(6, np.float32)
     for c, column in enumerate(splats.positions.T):  # 8 times as fast as over rows of three
         out[c], out[3 + c] = (column - splats.radii).min(), (column + splats.radii).max()
@@ -170,10 +170,11 @@ def reference_of(radii: NDArray[np.float32]) -> float:
 
 
 def _facing(order: NDArray[np.int32], splats: Splats, slots: int) -> NDArray[np.int8]:
-    """Return the normals of splats with another sheet close by, in 127ths, zero for the others: (3 * slots,) or empty.
+    """Return for each slot the splat's normal in 127ths if another sheet is close by, else zero: (3 * slots,).
 
-    order : row of the splat in each slot
-    slots : number of slots, four per block. Empty if no sheets are close together
+    The result has length 0 if no sheets are close together.
+
+    order : row of the splat in each slot; slots : number of slots, four per block
     """
     if splats.sheets is None or not splats.sheets.any():
         return np.zeros(0, np.int8)
@@ -181,9 +182,12 @@ def _facing(order: NDArray[np.int32], splats: Splats, slots: int) -> NDArray[np.
 
 
 def _borders(order: NDArray[np.int32], borders: NDArray[np.float32] | None, slots: int) -> NDArray[np.int8]:
-    """Return the outward direction of splats on an open border, in 127ths, zero for the others: (3 * slots,) or empty.
+    """Return for each slot the splat's outward direction in 127ths if it is on an open border, else zero: (3 * slots,).
 
-    order : row of the splat in each slot; slots : number of slots, four per block. Empty if no splat is on a border.
+    The result has length 0 if no splat is on a border.
+
+    order : row of the splat in each slot; slots : number of slots, four per block
+    borders : (n, 3), outward direction (unit) for splats on an open border, else zero; None if all are zero
     """
     if borders is None or not borders.any():
         return np.zeros(0, np.int8)
@@ -194,10 +198,11 @@ def _borders(order: NDArray[np.int32], borders: NDArray[np.float32] | None, slot
 def _directions(
     order: NDArray[np.int32], chosen: NDArray[np.bool_], directions: NDArray[np.float32], slots: int
 ) -> NDArray[np.int8]:
-    """Return the directions of chosen splats, in 127ths, and zero for the others, (3 * slots,).
+    """Return for each slot the splat's direction in 127ths if the splat is chosen, else zero: (3 * slots,).
 
-    order : row of the splat in each slot; chosen : (n,) mask; directions : (n, 3), unit
-    slots : number of slots, four per block
+    order : row of the splat in each slot; slots : number of slots, four per block
+    chosen : (n,), True for splats whose direction is returned
+    directions : (n, 3), a unit vector for each chosen splat
     """
     out = np.zeros((slots, 3), np.int8)
     at = np.flatnonzero(chosen[order])
@@ -206,9 +211,10 @@ def _directions(
 
 
 def rows_of_slots(order: NDArray[np.int32], rows: NDArray[np.int32], slots: int) -> NDArray[np.int32]:
-    """Return the caller's row of each slot, (slots,), -1 for empty slots at the end. A block has four slots.
+    """Return for each slot the caller's row of its splat, (slots,); -1 for empty slots at the end.
 
-    order : row in `rows` of the splat in each slot; rows : (n,) the caller's row of each splat
+    order : index in `rows` of the splat in each slot; rows : (n,) the caller's row of each splat
+    slots : number of slots, four per block
     """
     out = np.full(slots, -1, np.int32)
     out[: len(order)] = rows[order]
@@ -233,7 +239,7 @@ def unpacked_colors(colors: NDArray[np.int32]) -> NDArray[np.uint8]:
 
 
 def _noise(order: NDArray[np.int32], noise: NDArray[np.float32] | None, slots: int) -> NDArray[np.float32]:
-    """Return the largest noise of the splats in each block of four, (slots / 4,); empty if nothing was smoothed.
+    """Return the largest noise of the splats in each block of four, (slots / 4,); length 0 if nothing was smoothed.
 
     order : row of the splat in each slot; slots : number of slots
     noise : (n,), standard deviation of the noise that was smoothed away at each splat
