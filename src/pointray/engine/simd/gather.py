@@ -82,9 +82,9 @@ def load_apart16(array: Any, start: Any, stride: Any) -> Any:
 
 @inline
 def _check(array: Any, size: Any, index: Any, start: Any, stride: Any) -> None:
-    """Raise IndexError if a lane of a gather would read outside the array, or its index outside the index array.
+    """Raise IndexError if one of 16 lanes of a gather would read outside `array`, or outside the array `index`.
 
-    Lane k reads `size` numbers from size * index[start + k * stride] on.
+    Lane k reads `size` numbers of `array`, from size * index[start + k * stride] on.
     """
     for k in range(16):
         place = start + k * stride

@@ -48,9 +48,10 @@ NEAR = SLACK * SLACK  # factor of squared radii
 
 
 class Capsule(NamedTuple):
-    """All points within `spread` of a segment, which encloses parts of rays: a search for splats near them tests it.
+    """All points within `spread` of a segment that encloses parts of rays, to search for splats near these.
 
-    x, y, z : middle of the segment; dx, dy, dz : its unit direction; half : half its length
+    x, y, z : middle of the segment; dx, dy, dz : unit direction of the segment
+    half : half the segment's length
     """
 
     x: Real
@@ -65,7 +66,7 @@ class Capsule(NamedTuple):
 
 @inline
 def segment(o: Vec3, d: Vec3, t_low: float, t_high: float) -> Capsule:
-    """Return the capsule of a part of one ray, from t_low to t_high; its spread is 0. o, d : origin and direction"""
+    """Return the capsule of the part of one ray from t_low to t_high; its spread is 0. o, d : origin, unit direction"""
     center = HALF * (t_low + t_high)
     x, y, z = o[0] + center * d[0], o[1] + center * d[1], o[2] + center * d[2]
     return Capsule(x, y, z, d[0], d[1], d[2], HALF * (t_high - t_low), ZERO)

@@ -124,9 +124,11 @@ def _along(axes: Axes, rows: Array, v: int) -> Along[F16]:
 
 @inline
 def _take(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
-    """Copy the rays of the tile that enter a leaf (`passing`, bits) into `scratch.part`; return the copied ones.
+    """Copy the rays of the tile that enter a leaf into `scratch.part`; return the copied rays as bits of the tile.
 
     Rays that miss the surface in every column are left out, as are those whose samples are not distinct in float32.
+
+    passing : bits of the rays that enter the leaf
     """
     rows, part, n, taken = scratch.model, scratch.part, 0, i64(0)
     axes = axes_of(tree, leaf)
@@ -169,7 +171,10 @@ def _take(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
 
 @inline
 def _gather_for(tree: Tree, leaf: int, first: int, count: int, scratch: Scratch) -> None:
-    """Copy the splats of the blocks near up to 16 rays to `scratch.splats`. first, count : rays in `scratch.part`"""
+    """Copy the splats of a leaf's blocks near up to 16 rays to `scratch.splats`.
+
+    first, count : index of the first of these rays in `scratch.part`, and their number
+    """
     part = scratch.part
     frame = Frame(
         load16(part, sc.AT_X + first),
@@ -233,10 +238,14 @@ def _keep(leaf: int, found: Found, asked: Bits, rays: Bits, first: int, scratch:
 
 @inline
 def search_together(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
-    """Search a leaf for the passing rays of a tile (bits), four by four; return those to which the start rule applies.
+    """Search a leaf for hits of rays of the tile, four rays at a time, and store the hits in `scratch`.
 
-    These are traced again, one by one. Where two sheets are close together, each ray sees one at a time: those that
-    face it first, then those that face away. Rays that see the same sheet are searched together.
+    Returns the rays to which the start rule applies, as bits of the tile; they are traced again, one by one.
+
+    Where two sheets are close together, each ray sees one at a time: those that face it first, then those that face
+    away. Rays that see the same sheet are searched together.
+
+    passing : bits of the rays to search for
     """
     left = _take(tree, leaf, passing, scratch)
     part, lifted, first = scratch.part, i64(0), 0

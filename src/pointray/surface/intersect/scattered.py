@@ -185,9 +185,10 @@ def search_leaf(tree: Tree, block: int, passing: Bits, v: int, scratch: Scratch)
 
 @inline
 def hit_scattered(tree: Tree, slot: int, t: float, o: Vec3, d: Vec3) -> Hit:
-    """Return a ray's hit with a scattered point. Its normal is exact; that of a sphere points outwards.
+    """Return a ray's hit with a scattered point. The normal is exact; that of a sphere points outwards.
 
-    slot : of the point, four times its block plus the position in it; t : of the hit; o, d : origin and unit direction
+    slot : of the point, four times its block plus the position in the block; t : t of the hit
+    o, d : origin and unit direction of the ray
     """
     at = slot // 4 * tr.BLOCK + slot % 4
     if tree.head[tr.SCATTER] == tr.SPHERES:
@@ -207,7 +208,7 @@ def hit_scattered(tree: Tree, slot: int, t: float, o: Vec3, d: Vec3) -> Hit:
 def finish_scattered(tree: Tree, span: tuple[int, int], scratch: Scratch) -> None:
     """Make the nearest scattered points the hits of rays of a tile, except where the surface is at least as near.
 
-    span : first ray, and the end
+    span : index of the first ray, and the end
     """
     rows, numbers = scratch.model, scratch.numbers
     for k in range(span[0], span[1]):

@@ -139,9 +139,9 @@ def _weight(scratch: Scratch, offset: int, x: F16, y: F16, z: F16) -> F16:
 
 @inline
 def local_radius(scratch: Scratch, x: F16, y: F16, z: F16) -> F16:
-    """Return the root mean square of the support radii of the splats at sixteen points, with the weights of f.
+    """Return the root mean square of the support radii around sixteen points x, y, z, weighted as in f.
 
-    Averaging 1 / r^2 instead would trim hits where radii differ much.
+    The splats are those listed in `scratch`. A mean of 1 / r^2 instead would trim hits where radii differ much.
     """
     weight = square = broadcast16(ZERO)
     for k in range(scratch.counts[COUNT_SPLATS]):

@@ -267,8 +267,8 @@ def closest_hits(
     Returns
     -------
     dict
-        t (inf for a miss), position, normal, color, point (the caller's row, -1 for none), instance (-1 for a miss),
-        leaf and local (position in model space), for attributes that are blended later.
+        "t" (inf for a miss), "position", "normal", "color", "point" (the caller's row, -1 for none), "instance" (-1 for
+        a miss), "leaf" and "local" (position in model space). The last two serve to blend attributes later.
     """
     n, picture = len(origins), _picture(shape)
     out: dict[str, Array] = {

@@ -110,7 +110,11 @@ def save_rays(scratch: Scratch) -> None:
 
 @inline
 def _pack_row(rows: Array, row: int, rays: Bits, last: float) -> None:
-    """Pack one row of the given saved rays (bits) into the first slots; fill the rest of the last 16 with `last`."""
+    """Pack one row of the given saved rays (bits) into the tile's first slots, one number for each ray.
+
+    row : offset of the row in `rows`; rows : `Scratch.model`
+    last : number for the slots behind the last ray, up to a multiple of 16
+    """
     n = i64(0)
     for v in range(0, sc.TILE, sc.LANES):
         word = (rays >> v) & 0xFFFF

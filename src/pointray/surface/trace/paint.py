@@ -24,7 +24,7 @@ Four: TypeAlias = tuple[int, int, int, int]  # rays of the tile
 def _map_color(world: World, paint: int, map_position: float) -> Vec3:
     """Return the colour of a colour map at a position from 0 to its number of colours; for NaN that of missing values.
 
-    paint : offset of the record in `World.paints`
+    paint : offset in `World.paints` of the record of the attribute that the map colours
     """
     count, first = int(world.paints[paint + rec.PAINT_COUNT]), int(world.paints[paint + rec.PAINT_COLORS])
     k = count
@@ -104,7 +104,7 @@ def paint_four(world: World, four: Four, points: FourPoints, sheet: Sheet, scrat
 def _own_position(world: World, paint: int, i: int, scratch: Scratch) -> float:
     """Return the position in the colour map of the value of the splat that ray i has hit.
 
-    paint : offset of the record in `World.paints`
+    paint : offset of the attribute's record in `World.paints`
     """
     return f64(world.map_positions[int(world.paints[paint + rec.PAINT_POSITIONS]) + scratch.numbers[sc.SLOT_OF + i]])
 
@@ -113,7 +113,7 @@ def _own_position(world: World, paint: int, i: int, scratch: Scratch) -> float:
 def _paint(world: World, paint: int, i: int, map_position: float, scratch: Scratch) -> None:
     """Set the colour of ray i's hit from a position in the colour map.
 
-    paint : offset of the record in `World.paints`
+    paint : offset of the attribute's record in `World.paints`
     map_position : NaN for a missing value; ignored for colour by coordinate, which follows from the hit's position
     """
     wide = scratch.world

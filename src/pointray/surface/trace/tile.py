@@ -253,7 +253,7 @@ def _end_where_hit(tree: Tree, span: tuple[int, int], scratch: Scratch) -> None:
 
 @inline
 def _walk_begin(tree: Tree, rows: Array, span: tuple[int, int]) -> float:
-    """Return t where the traversal begins: a sample step before the first of the rays begins.
+    """Return t where the traversal of a range of the tile's rays begins: a sample step before the first of them begins.
 
     rows : `Scratch.model`, in which t where a ray begins is negative if it starts on no surface
     span : first ray, and the end

@@ -81,7 +81,10 @@ def _voxel_interval(
 
 @inline
 def _slab_interval(tree: Tree, leaf: int, ray: Ray, interval: tuple[float, float]) -> tuple[float, float]:
-    """Return the part of an interval of t in which a ray is inside the leaf's slab; empty if the first is greater."""
+    """Return t where a ray enters and leaves a leaf's slab, within an interval; empty if the first is greater.
+
+    interval : begin and end of the interval of t
+    """
     offset = leaf * tr.LEAF
     mx, my, mz = tree.leaves[offset + tr.SLAB], tree.leaves[offset + tr.SLAB + 1], tree.leaves[offset + tr.SLAB + 2]
     height = mx * ray.ox + my * ray.oy + mz * ray.oz

@@ -48,9 +48,9 @@ class Splats(NamedTuple):
 class WholeModel(NamedTuple):
     """Parameters of the whole model for the tree of a part, so that rays get the same hits as in the whole tree.
 
-    top : the nodes above the part's voxels, cut as in the whole tree; its groups are numbered within the part
-    bounds : (6,) float32, of all supports, lo x y z, hi x y z; the lattice of samples starts where a ray enters them
-    reference : a support radius; a leaf's sample distance is that for this radius times a power of two
+    top : the nodes above the part's voxels, cut as in the whole tree; groups of blocks are numbered within the part
+    bounds : (6,) float32, box around all supports, lo x y z, hi x y z; t is measured from where a ray enters it
+    reference : a support radius; the sample distance of each leaf is that for this radius times a power of two
     """
 
     top: Top
@@ -76,7 +76,7 @@ def build_tree(
     ----------
     splats : Splats
     settings : TreeSettings
-        Kind of surface, sampling along rays, limits of hits, width of voxels.
+        Kind of surface, samples along rays, how far hits may be from splats, width of voxels.
     threads : int, optional
     progress : callable, optional
         Called with the fraction completed, 0 to 1.

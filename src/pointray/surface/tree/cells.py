@@ -34,11 +34,11 @@ Parts: TypeAlias = tuple[Array, Array, Array, Array, Array]  # one root's slices
 
 
 class Cells(NamedTuple):
-    """Binary kd-tree under construction, whose leaves are voxels with lists of blocks; children follow their parent.
+    """Binary kd-tree under construction, whose leaves are voxels with lists of blocks.
 
-    children : (nodes, 2) int32, -1 for a leaf
-    boxes : (nodes, 6) float32; a leaf's box is its voxel, shrunk to the supports in it
-    spans : (nodes, 2) int64, a leaf's range in refs
+    children : (nodes, 2) int32, numbers of later nodes, -1 for a leaf
+    boxes : (nodes, 6) float32, lo x y z, hi x y z; a leaf's box is its voxel, shrunk to the supports in it
+    spans : (nodes, 2) int64, begin and end in refs of a leaf's list of blocks
     refs : (references,) int32, block numbers
     least : (nodes,) float32, least support radius over a larger voxel around this one, so that the sample distance does
         not depend on the size of the voxels

@@ -91,9 +91,10 @@ def longest_step(samples: int) -> float:
 
 @inline
 def _members(blocks: Array, refs: Array, span: Array, cell: Array, rows: Array) -> Members:
-    """Gather the splats whose support overlaps a voxel, relative to its least corner.
+    """Gather the splats whose support overlaps a voxel, with positions relative to the voxel's least corner.
 
-    refs : numbers of the blocks that voxels list; span : the voxel's range in them; cell : its box
+    blocks : (blocks * 28,), the splats; refs : numbers of the blocks that voxels list
+    span : the voxel's range in refs; cell : the voxel's box
     rows : memory for `Members.rows`
     """
     room, count = len(rows) // PARTS, 0
