@@ -19,7 +19,7 @@ class Compiling(NamedTuple):
     number, total : int
         Number of the kernel being compiled, from 1, and the number of all.
     share : float
-        Share of the time already spent, 0 to 1.
+        Time already spent, as a share of the estimated total, 0 to 1.
     seconds : float
         Estimated remaining time.
     """

@@ -157,7 +157,10 @@ class Results:
         return self._read(self._kind, words, 0)[0]
 
     def _read(self, kind: Any, words: Any, k: int) -> tuple[Any, int]:
-        """Return the value that starts at words[k], and the position of the next one. kind : its type"""
+        """Read one value of a kernel's result; return the value and the position in `words` behind it.
+
+        kind : type of the value; words : the words that the C function has written; k : where the value starts
+        """
         kind = self._records.get(kind, kind) if isinstance(kind, str) else kind
         if isinstance(kind, list):
             items = []
@@ -174,9 +177,9 @@ class Results:
         return (bool(words[k]) if kind == "b1" else words[k]), k + 1
 
     def _array(self, kind: str, words: Any, k: int) -> tuple[Any, int]:
-        """Return a copy of the array that words[k:] describe, and the position of the next value; free the original.
+        """Read one array of a kernel's result and free its memory; return a copy and the position in `words` behind it.
 
-        kind : type of the array, such as "f4[2C]"
+        kind : type of the array, such as "f4[2C]"; k : where its description in `words` starts
         """
         dtype, axes, _ = _array(kind)
         array = np.empty(tuple(words[k + 2 : k + 2 + axes]), dtype)

@@ -25,13 +25,13 @@ class Code(NamedTuple):
 
 
 def operation(typing: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Return a decorator that makes a function of kernels from a function that emits its LLVM instructions.
+    """Return a decorator that turns a function that emits LLVM instructions into a function that kernels can call.
 
-    typing : its Numba signature, or a function that returns it for the Numba types of the arguments, or None to refuse
-        them
+    typing : Numba signature of the function that kernels call; or a function that returns this signature for the Numba
+        types of the arguments, or None to refuse them
 
     The decorated function receives a `Code` and the LLVM values of the arguments. It returns the LLVM value of the
-    result, or None if the function of kernels returns nothing.
+    result, or None if there is no result.
     """
 
     def decorate(emit: Callable[..., Any]) -> Any:
@@ -81,7 +81,7 @@ def peek(code: Code, array: Any, index: Any) -> Any:
 
 @operation(lambda address, length, like: types.Array(like, 1, "C")(types.int64, types.int64, like))
 def array_at(code: Code, address: Any, length: Any, like: Any) -> Any:
-    """Return an array of `length` items at an address, one-dimensional, which does not own its memory.
+    """Return a one-dimensional array of `length` items at an address in memory, which the array does not own.
 
     like : a number of the items' type
     """

@@ -91,8 +91,9 @@ def run(
     A tile is any unit of work. The caller only waits, so that Ctrl-C gets through. Ctrl-C and `cancel` stop the kernels
     between two tiles. Returns a list of the threads' results; it is empty if cancelled while the kernel is compiled.
 
-    tiles : number of tiles; first : number of the first one; threads : None: `POINTRAY_THREADS`, else all CPUs
-    progress : called with the share done, about ten times a second
+    tiles : number of tiles; first : number of the first one
+    threads : number of threads; None for `POINTRAY_THREADS`, else all CPUs
+    progress : called with the share of tiles taken, about ten times a second
     """
     if not wait_for(kernel, lambda: cancel is not None and cancel.wanted):
         return []
@@ -143,9 +144,9 @@ def run(
 def _start(worker: Callable[[], None], needed: bool) -> list[Callable[[], bool]]:
     """Start a worker thread if there is memory for its stack.
 
-    Returns a list of the function that says whether it is alive, or an empty list without memory.
+    needed : whether to raise RuntimeError without memory, as for the first thread
 
-    needed : whether to raise the error instead, as for the first thread
+    Returns a list with one function, which says whether the thread is alive; an empty list if there is no memory.
     """
     try:
         return [start(worker)]

@@ -117,10 +117,10 @@ NEARNESS = 14  # 1 / distance of the focal plane along the view direction
 class LightTree(NamedTuple):
     """Tree of the lights that rays can hit: a list of entries in depth-first order, boxes and the lights within.
 
-    A ray that misses a box skips its entries. A few lights are stored without boxes.
+    A ray that misses a box goes on behind the entries within it. A few lights are stored without boxes.
 
     lights : (entries,) int32, index in `World.lights`; -1 for a box around the entries that follow
-    skips : (entries,) int32, of a box the first entry after all within it
+    skips : (entries,) int32, for a box the index of the first entry that is not within it
     boxes : (entries * 6,) float64, lo x y z, hi x y z of a box
     """
 
@@ -132,30 +132,35 @@ class LightTree(NamedTuple):
 class World(NamedTuple):
     """Everything in a scene that rays can hit, and its lights, as kernels read it: flat arrays of records.
 
-    The constants of this module that follow the one named here are the fields of that kind of record.
+    A name in capitals is a constant of this module, the length of a record; the constants behind it are the fields.
 
     table : (models * ROW,) int64, addresses and lengths of the arrays of each model's `Tree`
-    instances : (instances * 16,) float64, `INSTANCE`; planes : (planes * 20,) float64, `PLANE_SIZE`
+    instances : (instances * 16,) float64, records of the models and planes that are placed in the scene (INSTANCE)
+    planes : (planes * 20,) float64, records of the planes (PLANE_SIZE)
     top : (9,) float64, centre of the BVH over the instances of models, and its bounds (lo, hi) relative to that
     top_boxes : (nodes * 12,) float32, boxes (lo, hi) of a node's two children, relative to the centre
     top_children : (nodes * 2,) int32, a child >= 0 is a node, a child < 0 is instance ~child; without nodes, rays are
         tested against each of the few models
-    lights : (lights * 18,) float64, `LIGHT`; light_shares : float64, cumulative distribution for choosing a light
-    lamps : tree of the area lights; suns : tree of the suns with a disk, whose boxes bound unit directions
-    materials : (materials * 10,) float64, `MATERIAL_SIZE`
-    sky : (20,) float64, the environment light, `SKY`
-    sky_colors : (h * w * 3,) float32, radiance of its map, top row first
-    sky_rows : (h + 1,) float64, share of the light above each row; sky_columns : (h * (w + 1),) float64, share of each
-        row's light to the left of each pixel
-    sky_mean : (27,) float64, its irradiance as spherical harmonics, 9 times RGB
-    paints : (paints * 8,) float64, colour look-ups by attributes, `PAINT_SIZE`
+    lights : (lights * 18,) float64, records of all lights but the environment light (LIGHT)
+    light_shares : float64, cumulative distribution for choosing a light
+    lamps : tree of the area lights
+    suns : tree of the suns with a disk, whose boxes bound unit directions
+    materials : (materials * 10,) float64, records of the materials (MATERIAL_SIZE)
+    sky : (20,) float64, record of the environment light (SKY)
+    sky_colors : (h * w * 3,) float32, radiance of the environment map, top row first
+    sky_rows : (h + 1,) float64, share of the map's light above each row
+    sky_columns : (h * (w + 1),) float64, share of each row's light to the left of each pixel
+    sky_mean : (27,) float64, irradiance of the environment light as spherical harmonics, 9 times RGB
+    paints : (paints * 8,) float64, records of the attributes that colour instances (PAINT_SIZE)
     map_positions : (n,) float32, in the order of a model's splats the position of each value in the colour map, from 0
-        to its number of colours, or NaN
+        to the map's number of colours, or NaN
     map_colors : (m * 3,) float32, linear: the colours of all maps, each followed by its colour for missing values
-    tone : (256,) float32, linear value of each sRGB level; longest : blocks of the leaf that lists most
-    catchers : number of shadow catchers; clips : (clips * 4,) float64, clip planes, `CLIP`
-    baked : (instances * 5,) int64, addresses of baked light, `BAKED`; baked_frames : (instances * 5,) float64, its
-        units and the grids of planes, `BAKED_FRAME`; length 0 without baked light
+    tone : (256,) float32, linear value of each sRGB level
+    longest : number of blocks of the leaf that lists most
+    catchers : number of shadow catchers
+    clips : (clips * 4,) float64, records of the clip planes (CLIP)
+    baked : (instances * 5,) int64, addresses of the instances' baked light (BAKED); length 0 without baked light
+    baked_frames : (instances * 5,) float64, units of the baked light and grids of planes (BAKED_FRAME)
     """
 
     table: Array
@@ -190,11 +195,13 @@ class World(NamedTuple):
 
 
 class WorldHit(NamedTuple):
-    """A ray's hit in world space: t in lengths of the direction. For a miss, t is inf and instance is -1.
+    """A ray's hit in world space. For a miss, t is inf and instance is -1.
 
-    normal : unit; color : linear RGB; instance : its row
+    t : in lengths of the ray's direction
+    normal : unit; color : linear RGB
+    instance : index of the instance that was hit
     slot : index in `Tree.order` of the splat of most weight, -1 for a plane
-    leaf, local : leaf and position in model space, for values that are blended later
+    leaf : index of the leaf; local : position in model space; both for values that are blended later
     """
 
     t: float

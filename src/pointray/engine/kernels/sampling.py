@@ -73,7 +73,8 @@ def _second(x: int) -> int:
 def sample_pair(key: int, sample: int, pair: int) -> tuple[float, float]:
     """Return two stratified random numbers, 0 <= u, v < 1, for one decision of a sample, such as a point on a light.
 
-    key : of the pixel, see `pixel_key`; sample : index of the sample; pair : number of the decision
+    key : key of the pixel, from `pixel_key`; sample : index of the sample in the pixel
+    pair : number of the decision in the sample
     """
     key = hash32((key + pair * 0x9E3779B9) & _WORD)
     index = _reverse(_permute(_reverse(sample), key))
@@ -97,7 +98,8 @@ def on_disc(u: float, v: float) -> tuple[float, float]:
 def find_share(table: Array, first: int, count: int, share: float) -> int:
     """Return the last k < count with table[first + k] <= share, by bisection: samples a cumulative distribution.
 
-    table[first : first + count + 1] ascends from 0 to 1; share : random number
+    table : table[first : first + count + 1] ascends from 0 to 1
+    share : random number
     """
     low, high = 0, count
     while high - low > 1:

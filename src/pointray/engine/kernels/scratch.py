@@ -49,7 +49,7 @@ LANES, TILE = 16, 64
 class Rows:
     """Allocator of consecutive rows in an array of scratch memory; a row has one number for each ray of a tile.
 
-    width : numbers a row; size : of all rows so far
+    width : numbers per row; size : total length of the rows allocated so far
     """
 
     def __init__(self, width: int) -> None:
@@ -180,18 +180,23 @@ def store3(rows: Array, i: int, a: Vec3) -> None:
 class Scratch(NamedTuple):
     """One thread's working memory. Constants name the rows of its arrays; a row has one number for each ray.
 
-    stack : (512,) int32, nodes of a model still to visit; stack_near : (512,) float32, where the ray enters them
-    near : (n,) int32, blocks near the rays in the current leaf; counts : int64, counters, see COUNT_*
-    splats : (m,) float32, the splats of these blocks in groups of 16: 7 rows of 16, as in a block
-    offsets : (4 n,) int32, offset of each of them in `splats`
-    listed : (4 n,) int32, offsets of those near the rays that are evaluated
-    world : float64, the tile's rays in world space, with their nearest hits; numbers : int64, indices of these hits
-    model : float32, the rays in the space of the current model; part : float32, those that search a leaf, packed
+    stack : (512,) int32, nodes of a model still to visit
+    stack_near : (512,) float32, t where the ray enters each of these nodes
+    near : (n,) int32, numbers of the blocks near the rays in the current leaf
+    counts : int64, counters, see COUNT_*
+    splats : (m,) float32, the splats of the blocks in `near`, in groups of 16: 7 rows of 16, as in a block
+    offsets : (4 n,) int32, offset of each of these splats in `splats`
+    listed : (4 n,) int32, offsets in `splats` of the splats near the rays that are evaluated
+    world : float64, the tile's rays in world space, with their nearest hits
+    model : float32, the rays in the space of the current model
+    numbers : int64, indices of the rays' nearest hits: instance, leaf and slot
+    part : float32, the rays that search a leaf, packed
     shading_points : float64, surface points hit by the tile's rays, and the light there
     sums : float64, sums over the samples of a tile's pixels
     waiting : float64, for each shading point a stack of specular rays still to trace
-    top_what : (128,) int32, entries of the tree over the instances still to visit; top_rays : (128,) int64, the rays
-        that enter them (bits); top_near : (128,) float32, where the first of these rays does
+    top_what : (128,) int32, nodes and instances (~instance) of the BVH over the instances still to visit
+    top_rays : (128,) int64, the rays that enter each of these, as bits
+    top_near : (128,) float32, least t at which one of these rays enters
     """
 
     stack: Array

@@ -77,16 +77,16 @@ SCATTER_LEAVES = 12  # number of leaves of scattered points, rounded to float32
 class Tree(NamedTuple):
     """The acceleration structure of one model, with its splats, as flat arrays of records.
 
-    The constants of this module that follow the one named here are the fields of that kind of record.
+    A name in capitals is a constant of this module, the length of a record; the constants behind it are the fields.
 
-    head : (16,) float32, bounds, kind of surface and limits, `HEAD`
+    head : (16,) float32, bounds, kind of surface, how far hits may be from splats, and so on (HEAD)
     boxes : (nodes * 48,) float32, tight boxes of a node's 8 children: 6 rows (lo x y z, hi x y z) of 8
-    children : (nodes * 8,) int32, a child >= 0 is a node, a child < 0 is leaf ~child; or NO_CHILD
-    leaves : (leaves * 16,) float32, voxel, slab and sample step of each leaf, `LEAF`
-    patches : (leaves * 64,) float32, slabs of the leaf's 4 x 4 columns, `PATCH`
+    children : (nodes * 8,) int32, a child >= 0 is a node, a child < 0 is leaf ~child; NO_CHILD for none
+    leaves : (leaves * 16,) float32, voxel, slab and sample step of each leaf (LEAF)
+    patches : (leaves * 64,) float32, slabs of the leaf's 4 x 4 columns (PATCH)
     spans : (leaves * 2,) int32, first group and number of groups, each of 16 blocks, that a leaf lists
-    spheres : (groups * 64,) float32, bounding spheres of these blocks: 4 rows (centre x y z, radius) of 16
-    refs : (groups * 16,) int32, indices of these blocks; 0 in an empty slot
+    spheres : (groups * 64,) float32, bounding spheres of a group's blocks: 4 rows (centre x y z, radius) of 16
+    refs : (groups * 16,) int32, numbers of a group's blocks; 0 in an empty slot
     blocks : (blocks * 28,) float32, the splats: 7 rows (position, normal, 1 / radius^2) of 4
     order : (blocks * 4,) int32, the caller's row of each splat; -1 in an empty slot
     borders : (blocks * 4 * 3,) int8, for a splat on an open border the direction out of the surface (unit, in 127ths),
@@ -183,10 +183,10 @@ def tree_at(table: Array, model: int) -> Tree:
 class Ray(NamedTuple):
     """A ray in model space, as traced through one model.
 
-    ox, oy, oz : origin; dx, dy, dz : unit direction; ix, iy, iz : inverse of each component of the direction
-    t_min : where the ray begins, measured from where it enters the model's bounds; negative if a clip plane has cut it,
-        so that it does not start on a surface
-    t_max : how far it is followed: one sample step beyond its end
+    ox, oy, oz : origin, where the ray enters the model's bounds; dx, dy, dz : unit direction
+    ix, iy, iz : inverse of each component of the direction
+    t_min : t where the ray begins, or -t if it starts on no surface, as after a cut by a clip plane
+    t_max : how far the ray is followed: one sample step beyond its end
     side : +1 if a ray that starts on the surface is outside (where normals point), -1 if it is inside
     """
 
@@ -205,7 +205,10 @@ class Ray(NamedTuple):
 
 
 class Hit(NamedTuple):
-    """A ray's hit with a model, in model space: t, unit normal, index of the leaf; t = inf and leaf = -1 for a miss."""
+    """A ray's hit with a model, in model space; t = inf and leaf = -1 for a miss.
+
+    t : distance from the ray's origin; nx, ny, nz : unit normal; leaf : index of the leaf
+    """
 
     t: float
     nx: float

@@ -109,7 +109,10 @@ def tangents(n: Vec3) -> tuple[Vec3, Vec3]:
 
 @inline
 def turned(v: Vec3, frame: tuple[Vec3, Vec3, Vec3]) -> Vec3:
-    """Transform a vector from the coordinates of a frame to those in which the frame's three axes are given."""
+    """Transform a vector's coordinates from a local frame to the outer one, in which the frame's axes are given.
+
+    frame : the three axes of the local frame
+    """
     return add(scale(frame[2], v[2]), add(scale(frame[0], v[0]), scale(frame[1], v[1])))
 
 
@@ -125,9 +128,9 @@ def _times(m: Six, v: Vec3) -> Vec3:
 
 @inline
 def turned_matrix(m: Six, frame: tuple[Vec3, Vec3, Vec3]) -> Six:
-    """Transform a symmetric matrix from the coordinates of a frame to those in which the frame's three axes are given.
+    """Transform a symmetric matrix from a local frame to the outer one, in which the frame's axes are given.
 
-    m : its entries xx xy xz yy yz zz, as in the result
+    m : entries xx xy xz yy yz zz, as in the result; frame : the three axes of the local frame
     """
     a, b, c = frame
     x, y, z = (a[0], b[0], c[0]), (a[1], b[1], c[1]), (a[2], b[2], c[2])

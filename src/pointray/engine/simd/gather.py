@@ -20,11 +20,10 @@ _EVEN, _ODD = ([4 * quarter + k for quarter in (p, p + 2, p + 4, p + 6) for k in
 
 
 def _pointers(code: Code, values: tuple[Any, ...], size: int) -> list[Any]:
-    """Emit code for the addresses of items in 16 places of a flat array, one for each lane, and return them.
+    """Emit code for the addresses of 16 items of a flat array, one for each lane, and return these LLVM values.
 
-    values : LLVM values of the array, of an index array, of start and stride: lane k reads the item at
-        size * index[start + k * stride]
-    size : numbers in an item
+    values : LLVM values of the array, of an index array, of start and of stride
+    size : numbers per item; the item of lane k begins at array[size * index[start + k * stride]]
     """
     array, index, start, stride = values
     builder, found = code.builder, []
@@ -83,9 +82,9 @@ def load_apart16(array: Any, start: Any, stride: Any) -> Any:
 
 @inline
 def _check(array: Any, size: Any, index: Any, start: Any, stride: Any) -> None:
-    """Raise IndexError if a lane of a gather would read outside the array, or its index outside the index array.
+    """Raise IndexError if one of 16 lanes of a gather would read outside `array`, or outside the array `index`.
 
-    Lane k reads `size` numbers from size * index[start + k * stride] on.
+    Lane k reads `size` numbers of `array`, from size * index[start + k * stride] on.
     """
     for k in range(16):
         place = start + k * stride

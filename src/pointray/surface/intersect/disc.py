@@ -28,7 +28,8 @@ def search_discs(
 
     Discs are those of the blocks listed in `scratch`, which are near the ray.
 
-    frame : position of the first sample, t there, and the ray; enter, leave : t of the voxel
+    frame : (position, t, ray), the ray, its first sample's t, and the position there
+    enter, leave : t between which hits count
     """
     position, start, ray = frame
     on_surface, ahead = ray.t_min >= ZERO, ray.t_min - start

@@ -48,9 +48,10 @@ NEAR = SLACK * SLACK  # factor of squared radii
 
 
 class Capsule(NamedTuple):
-    """All points within `spread` of a segment, which encloses parts of rays: a search for splats near them tests it.
+    """All points within `spread` of a segment that encloses parts of rays, to search for splats near these.
 
-    x, y, z : middle of the segment; dx, dy, dz : its unit direction; half : half its length
+    x, y, z : middle of the segment; dx, dy, dz : unit direction of the segment
+    half : half the segment's length
     """
 
     x: Real
@@ -65,7 +66,7 @@ class Capsule(NamedTuple):
 
 @inline
 def segment(o: Vec3, d: Vec3, t_low: float, t_high: float) -> Capsule:
-    """Return the capsule of a part of one ray, from t_low to t_high; its spread is 0. o, d : origin and direction"""
+    """Return the capsule of the part of one ray from t_low to t_high; its spread is 0. o, d : origin, unit direction"""
     center = HALF * (t_low + t_high)
     x, y, z = o[0] + center * d[0], o[1] + center * d[1], o[2] + center * d[2]
     return Capsule(x, y, z, d[0], d[1], d[2], HALF * (t_high - t_low), ZERO)
@@ -73,11 +74,13 @@ def segment(o: Vec3, d: Vec3, t_low: float, t_high: float) -> Capsule:
 
 @inline
 def around(part: Array, ends: tuple[int, int], frame: Frame, half: F16 | float, active: Mask) -> Capsule:
-    """Return the capsule around parts of many rays. Its axis is the mean of two of them.
+    """Return a capsule around parts of up to 16 rays, to search for splats near any of them.
 
     part : `Scratch.part`, with the centres and directions of the rays' parts
-    ends : indices of these two in it: along a Morton curve the first and the last are at opposite corners
-    frame, half : centres, directions and half lengths of the parts, as vectors; active : mask of valid lanes
+    ends : indices in `part` of two rays whose mean is the capsule's axis; along a Morton curve the first and the last
+        are at opposite corners
+    frame : centres and directions of the rays' parts, as vectors; half : half lengths of the parts
+    active : mask of valid lanes
     """
     i, j = ends
     px, py, pz = (
@@ -118,7 +121,7 @@ def _distances(capsule: Capsule, x: F16, y: F16, z: F16) -> F16:
 
 @inline
 def list_blocks(tree: Tree, leaf: int, capsule: Capsule, scratch: Scratch) -> None:
-    """Write the leaf's blocks whose bounding sphere meets a capsule to `scratch.near`. capsule : region around rays"""
+    """Write the numbers of a leaf's blocks whose bounding sphere meets a capsule around rays to `scratch.near`."""
     first, count = tree.spans[2 * leaf], tree.spans[2 * leaf + 1]
     n = 0
     for group in range(first, first + count):
@@ -133,7 +136,7 @@ def list_blocks(tree: Tree, leaf: int, capsule: Capsule, scratch: Scratch) -> No
 
 @routine
 def nearest_slot(tree: Tree, leaf: int, x: float, y: float, z: float) -> int:
-    """Return the slot of the splat that is nearest to a point, in radii, among those that a leaf lists.
+    """Return the slot of the splat nearest to the point x, y, z, in units of its radius, among those that a leaf lists.
 
     It replaces the splat of most weight if all weights are zero: rounding can move a hit to the rim of all supports. A
     slot is four times the block plus the position in it.
@@ -166,11 +169,11 @@ def lists_sheets(tree: Tree, scratch: Scratch) -> bool:
 
 @inline
 def keep_sheet(tree: Tree, scratch: Scratch, frame: Frame, sought_side: float, rays: Bits) -> Bits:
-    """Drop the splats of sheets that the first of the given rays does not see from the list in `scratch`.
+    """Keep in `scratch.listed` only the splats of sheets that a ray sees, where two sheets are close together.
 
-    Where two sheets are close together, a ray sees one at a time. Returns the rays that see the same sheets.
+    The ray is the first of `rays`. Returns those of `rays` that see the same sheets, as 4 bits.
 
-    frame : four rays; rays : those to search for, 4 bits
+    frame : four rays; rays : 4 bits, those still to be searched for
     sought_side : 1 to see splats that face a ray, -1 to see splats that face away
     """
     first, n = count_trailing_zeros(rays), 0

@@ -18,7 +18,7 @@ NONZERO_BEGIN = f32(1e-30)  # replaces 0 as the start of a ray, so that it can h
 
 
 class SampleRange(NamedTuple):
-    """Samples of 16 rays, or four, to evaluate in a voxel: a range of the lattice t = k step.
+    """Samples to evaluate in a voxel, for 16 rays or four: a range of the lattice t = k step for each.
 
     first, last : indices k of the first and the last sample
     begin : t where the ray begins if that is in the range, so that the start rule applies; negative if the ray begins
@@ -34,10 +34,9 @@ class SampleRange(NamedTuple):
 def sample_range(tree: Tree, leaf: int, interval: tuple[F16, F16, F16], begin: F16) -> tuple[SampleRange, Mask]:
     """Return the samples to evaluate in a leaf, and a mask of the rays whose samples are distinct in float32.
 
-    interval : t where the rays enter the voxel, and the part (low, high) in which the surface can be (tight box, slab)
+    interval : (enter, low, high), t where the rays enter the voxel, and between which (low, high) the surface can be;
+        the first and the last sample lie outside of that part
     begin : t where the rays begin; negative if they start on no surface
-
-    The samples beyond both sides of the range lie outside the slab and the voxel.
     """
     enter, low, high = interval
     step = tree.leaves[leaf * LEAF + STEP]

@@ -44,14 +44,16 @@ def together(tree: Tree) -> bool:
 def search_alone(
     tree: Tree, leaf: int, ray: Ray, interval: tuple[float, float, float, float], lift: float, scratch: Scratch
 ) -> tuple[Hit, float]:
-    """Find the first hit of a ray in a leaf's voxel.
+    """Find the first hit of a ray in a leaf's voxel; return the hit, and the lift after the search.
 
-    interval : t where the ray enters and leaves the voxel, and the part in which the surface can be (tight box, slab)
-    lift : constant that is added to f because the ray starts on the surface (start rule)
+    The lift is a constant that is added to f because the ray starts on the surface (start rule), 0 for none.
 
-    Returns the hit, and the lift after the search. Where two sheets are close together their normals cancel, and one
-    step may cross both. So the sheets that face the ray are searched first, and then those that face away, each as if
-    the others did not exist.
+    interval : (enter, leave, low, high), t where the ray enters and leaves the voxel, and between which (low, high) the
+        surface can be
+    lift : the lift so far
+
+    Where two sheets are close together their normals cancel, and one step may cross both. So the sheets that face the
+    ray are searched first, and then those that face away, each as if the others did not exist.
     """
     enter, leave, low, high = interval
     hit, lifted = Hit(INF, ZERO, ZERO, ZERO, -1), ZERO
@@ -106,9 +108,9 @@ def search_alone(
 
 @inline
 def _along(axes: Axes, rows: Array, v: int) -> Along[F16]:
-    """Load 16 rays of the tile, from index v on, along the axes of a leaf's columns.
+    """Load 16 rays of the tile, from index v on, in the coordinates of a leaf's columns.
 
-    rows : `Scratch.model`, the rays
+    axes : (u, v, w) of the columns, which run along w; rows : `Scratch.model`, the rays
 
     Returns origins and directions along u, v, w, and inverse directions along u and v.
     """
@@ -122,9 +124,11 @@ def _along(axes: Axes, rows: Array, v: int) -> Along[F16]:
 
 @inline
 def _take(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
-    """Copy the rays of the tile that enter a leaf (`passing`, bits) into `scratch.part`; return the copied ones.
+    """Copy the rays of the tile that enter a leaf into `scratch.part`; return the copied rays as bits of the tile.
 
     Rays that miss the surface in every column are left out, as are those whose samples are not distinct in float32.
+
+    passing : bits of the rays that enter the leaf
     """
     rows, part, n, taken = scratch.model, scratch.part, 0, i64(0)
     axes = axes_of(tree, leaf)
@@ -167,7 +171,10 @@ def _take(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
 
 @inline
 def _gather_for(tree: Tree, leaf: int, first: int, count: int, scratch: Scratch) -> None:
-    """Copy the splats of the blocks near up to 16 rays to `scratch.splats`. first, count : rays in `scratch.part`"""
+    """Copy the splats of a leaf's blocks near up to 16 rays to `scratch.splats`.
+
+    first, count : index of the first of these rays in `scratch.part`, and their number
+    """
     part = scratch.part
     frame = Frame(
         load16(part, sc.AT_X + first),
@@ -205,11 +212,15 @@ def _four(tree: Tree, leaf: int, part: Array, first: int) -> tuple[Frame, Sample
 
 @inline
 def _keep(leaf: int, found: Found, asked: Bits, rays: Bits, first: int, scratch: Scratch) -> Bits:
-    """Store nearer hits of four rays of the tile; return, as bits of the tile, those to which the start rule applies.
+    """Store in `scratch` the hits of four rays that are nearer than earlier ones in a leaf.
 
-    found : hits in the leaf; asked : 4 bits, rays whose hits count; first : of the four in `scratch.part`
-    rays : indices of the four in the tile, as bits. If fewer than four bits are set, the last lanes have no hit. The
-        loop always takes four steps, so that lanes are compile-time constants, which saves 1 to 2% of the time
+    Returns the rays to which the start rule applies, as bits of the tile.
+
+    found : hits of the four rays; asked : 4 bits, rays whose hits count
+    rays : the four rays, as bits of the tile; with fewer than four bits the last lanes of `found` have no hit
+    first : index of the first of the four in `scratch.part`
+
+    The loop always takes four steps, so that lanes are compile-time constants, which saves 1 to 2% of the time.
     """
     rows, part, lifted = scratch.model, scratch.part, i64(0)
     hits, lifts = bits(found.t < repeat4(part, sc.AT_T + first)) & asked, bits(found.lift > ZERO) & asked
@@ -227,10 +238,14 @@ def _keep(leaf: int, found: Found, asked: Bits, rays: Bits, first: int, scratch:
 
 @inline
 def search_together(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
-    """Search a leaf for the passing rays of a tile (bits), four by four; return those to which the start rule applies.
+    """Search a leaf for hits of rays of the tile, four rays at a time, and store the hits in `scratch`.
 
-    These are traced again, one by one. Where two sheets are close together, each ray sees one at a time: those that
-    face it first, then those that face away. Rays that see the same sheet are searched together.
+    Returns the rays to which the start rule applies, as bits of the tile; they are traced again, one by one.
+
+    Where two sheets are close together, each ray sees one at a time: those that face it first, then those that face
+    away. Rays that see the same sheet are searched together.
+
+    passing : bits of the rays to search for
     """
     left = _take(tree, leaf, passing, scratch)
     part, lifted, first = scratch.part, i64(0), 0

@@ -70,8 +70,9 @@ Samples: TypeAlias = tuple[F16, F16, F16]  # t, f, and its slope along the ray
 
 
 class Found(NamedTuple):
-    """First hits of rays in a voxel: t (inf: none) and unit normal.
+    """First hits of rays in a voxel.
 
+    t : inf for none; nx, ny, nz : unit normal
     lift : constant that is still added to f, because the ray starts on the surface (start rule); 0 for none
     """
 
@@ -86,12 +87,14 @@ class Found(NamedTuple):
 def accept(
     tree: Tree, scratch: Scratch, frame: Frame, leaf: int, root: Root, limits: tuple[float, F16, F16]
 ) -> tuple[Bits, F16, F16, F16]:
-    """Return which rays hit at their roots of f, as 4 bits, and the unit normals there.
+    """Return which of four rays hit the surface at their roots of f, as 4 bits, and the unit normals there (x, y, z).
 
     A root is no hit if f jumps there, or if it is too far from the splats or beyond an open border.
 
-    limits : 1 or -1 to accept only a sheet that faces the rays or faces away, else 0; the constant that is added to f
-        because a ray starts on the surface; and t where the rays begin, or -t where the start rule does not apply
+    limits : (sought_side, lift, begin), where
+        `sought_side` is 1 to accept only sheets that face the rays, -1 for those that face away, 0 for all
+        `lift` is the constant added to f of rays that start on the surface (start rule)
+        `begin` is t where the rays begin, or -t where the start rule does not apply
     """
     sought_side, lift, begin = limits
     asked = bits(root.t < INF)
@@ -125,11 +128,12 @@ def accept(
 
 @inline
 def _events(tree: Tree, leaf: int, a: Samples, b: Samples) -> tuple[Bits, Bits]:
-    """Return bits of samples with a zero crossing of f since the previous one, and of those that need a closer look.
+    """Find where along the rays f is or may be zero: return bits of two kinds of samples.
 
-    a, b : t, f and slope of f at the previous samples, and at the samples
+    The first have a zero crossing of f since the previous sample. The second need a closer look: f may have two zeros
+    since the previous sample, or support begins or ends close to the surface.
 
-    In the second case f may have two zeros in between, or support begins or ends close to the surface.
+    a, b : (t, f, slope of f along the ray) at the previous samples, and at the samples
     """
     (t_a, f_a, slope_a), (t, f, slope) = a, b
     changes = bits(refine.crossing(f_a, f))
@@ -156,9 +160,11 @@ def _events(tree: Tree, leaf: int, a: Samples, b: Samples) -> tuple[Bits, Bits]:
 
 @inline
 def _lift_of(tree: Tree, leaf: int, f: F16) -> F16:
-    """Return the constant to add to f of rays that start on the surface, 0 for others. f : at their starts
+    """Return the constant to add to f of rays that start on the surface, 0 for others (start rule).
 
-    The splats around its origin then do not block a ray that leaves the surface (start rule).
+    The splats around a ray's origin then do not block it where it leaves the surface.
+
+    f : its values where the rays begin
     """
     share = START if tree.head[REFINE] > ZERO else START_UNREFINED
     lift = broadcast16(share * tree.leaves[leaf * LEAF + LEAST])
@@ -167,9 +173,10 @@ def _lift_of(tree: Tree, leaf: int, f: F16) -> F16:
 
 @inline
 def _pair(before: Samples, after: Samples, one: Mask) -> Pair:
-    """Return the samples selected by `one`, a mask with one lane for each ray, and those before them.
+    """Return, for each ray, the sample selected by `one` and the one before it, as a `Pair`.
 
-    before, after : t, f and slope of f at the previous samples, and at the samples
+    before, after : (t, f, slope of f along the ray) at the previous samples, and at the samples
+    one : mask with at most one lane for each ray
     """
     (t_a, f_a, slope_a), (t, f, slope) = before, after
     return Pair(
@@ -188,11 +195,14 @@ def search(
 ) -> Found:
     """Find the first hits of four rays in a leaf's voxel, from the splats listed in `scratch`, which are near them.
 
-    frame : the rays; sampled : samples to evaluate; rays : 4 bits, the rays to search for
-    limits : 1 or -1 for the sheets that face the rays or face away, 0 for all; and the constant that is added to f of
-        rays that start on the surface (start rule)
+    A ray that begins between two samples is returned with a `lift` above 0 where its start matters, so that the caller
+    traces it singly.
 
-    A ray that begins between two samples is reported with a `lift` where that matters, so that it is traced singly.
+    frame : the four rays; rays : 4 bits, those to search for
+    sampled : samples to evaluate
+    limits : (sought_side, lift), where
+        `sought_side` is 1 to hit only sheets that face the rays, -1 for those that face away, 0 for all
+        `lift` is the constant added to f of rays that start on the surface (start rule)
     """
     sought_side, lift = limits
     none = broadcast16(ZERO)
@@ -249,9 +259,11 @@ def search(
 
 @inline
 def _rest(tree: Tree, scratch: Scratch, frame: Frame, pair: Pair, begin: F16) -> tuple[Pair, Mask]:
-    """Return the part of the interval between two samples behind the ray's start; and whether f changes sign in it.
+    """Cut from the interval between two samples the part before the ray's start, by evaluating f there.
 
-    pair : the samples; begin : t of the start
+    pair : the two samples; begin : t of the start
+
+    Returns the rest of the interval, and whether f changes sign in it.
     """
     f, slope = refine.evaluate(tree, scratch, frame, begin)
     return Pair(begin, f, slope, pair.tb, pair.fb, pair.slope_b), refine.crossing(f, pair.fb)
@@ -264,8 +276,9 @@ def search_one(
     """Find the first hit of one ray in a leaf's voxel, from the splats listed in `scratch`, which are near it.
 
     frame : the ray, in all lanes; sampled : samples to evaluate, sixteen at once
-    limits : 1 or -1 for the sheets that face the ray or face away, 0 for all; and the constant that is added to f of a
-        ray that starts on the surface (start rule)
+    limits : (sought_side, lift), where
+        `sought_side` is 1 to hit only sheets that face the ray, -1 for those that face away, 0 for all
+        `lift` is the constant added to f of a ray that starts on the surface (start rule)
 
     With four samples at once, the ray in every quarter, bounces took 1.37 times as long at 32,000 points, and 1.1 to
     1.3 times as long on scans.

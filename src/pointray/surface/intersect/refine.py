@@ -75,9 +75,10 @@ class Pair(NamedTuple):
 
 
 class Foot(NamedTuple):
-    """What decides whether a root of f is a hit, and its normal.
+    """Normal at a root of f and its distance from the splats, which decide whether the root is a hit.
 
-    nx, ny, nz : direction in which f rises; away : squared distance of the position from the mean centre of its splats
+    nx, ny, nz : direction in which f rises, not of unit length
+    away : squared distance of the root from the mean centre of the splats around it
     """
 
     nx: F16
@@ -87,10 +88,10 @@ class Foot(NamedTuple):
 
 
 class Root(NamedTuple):
-    """A root of f between two samples of each ray.
+    """A root of f between two samples of each of four rays.
 
-    t : inf for none; rise : half of the rise of f over the last interval around the root
-    joined : mask, `foot` is interpolated between two close samples; elsewhere it is unknown
+    t : t of the root, inf for none; rise : half of the rise of f over the last interval around the root
+    joined : mask of the rays for which `foot` is known, interpolated between two close samples
     foot : normal at the root, and its distance from the splats
     """
 
@@ -131,9 +132,9 @@ def sample(vector: F16, one: Mask) -> F16:
 
 @inline
 def place(frame: Frame, t: F16, start: F16) -> tuple[F16, F16, F16]:
-    """Return the points at t on the rays.
+    """Return the points at t on the rays, as vectors x, y, z.
 
-    start : t of a base point nearby, relative to which they are computed, so that float32 resolves their differences
+    start : t of a base point on each ray nearby; positions are computed relative to it, which is precise in float32
     """
     x, y, z = start * frame.dx + frame.x, start * frame.dy + frame.y, start * frame.dz + frame.z
     s = t - start
@@ -142,9 +143,9 @@ def place(frame: Frame, t: F16, start: F16) -> tuple[F16, F16, F16]:
 
 @inline
 def means_at(scratch: Scratch, frame: Frame, t: F16, start: F16) -> Means:
-    """Return the weighted means over the splats near the rays at samples t, from which f is computed.
+    """Return the weighted means over the splats listed in `scratch` at points t on the rays, from which f is computed.
 
-    start : t near the samples, relative to which positions are computed
+    start : t of a base point on each ray nearby; positions are computed relative to it, which is precise in float32
     """
     x, y, z = place(frame, t, start)
     return sums(scratch, x, y, z)
@@ -152,7 +153,10 @@ def means_at(scratch: Scratch, frame: Frame, t: F16, start: F16) -> Means:
 
 @inline
 def evaluate(tree: Tree, scratch: Scratch, frame: Frame, t: F16) -> tuple[F16, F16]:
-    """Return f at t, positive on the rays' own side (`Frame.side`), and its slope along the rays."""
+    """Return f at t on the rays, and its slope along them, from the splats listed in `scratch`.
+
+    The sign of both is that of the ray's side (`Frame.side`): f is positive on the side on which the ray starts.
+    """
     means = means_at(scratch, frame, t, base_of(t, frame.base_spacing))
     f, _ = value(int(tree.head[SURFACE]), means)
     slope = means.nx * frame.dx + means.ny * frame.dy + means.nz * frame.dz
@@ -167,7 +171,7 @@ def crossing(a: F16, b: F16) -> Mask:
 
 @inline
 def foot_of(means: Means, u4: F16) -> Foot:
-    """Return the direction in which f rises at sixteen points, and their squared distance from the splats' mean centre.
+    """Return at sixteen points the direction in which f rises, and the squared distance from the splats' mean centre.
 
     means : over the splats near each point; u4 : curvature term of the fitted sphere, 0 except for apss
     """
@@ -193,9 +197,9 @@ def unit(foot: Foot) -> tuple[tuple[F16, F16, F16], Mask]:
 
 @inline
 def _between(foot: Foot, after: Any, share: F16) -> Foot:
-    """Interpolate normal and distance between two successive samples of each ray, for its root of f between them.
+    """Interpolate normal and squared distance from the splats at a root of f between two successive samples of a ray.
 
-    foot : normal and distance at all samples, sample s of ray r in lane 4 s + r
+    foot : these values at all samples of four rays, sample s of ray r in lane 4 s + r
     after : bits of the second samples, at most one for each ray; a ray without a bit gets zeros
     share : position of the root, 0 at the first sample, 1 at the second
     """
@@ -212,7 +216,7 @@ def _between(foot: Foot, after: Any, share: F16) -> Foot:
 
 @inline
 def choose(mask: Mask, a: Foot, b: Foot) -> Foot:
-    """Return normal and distance at roots from `a` in the lanes where the mask is set, else from `b`."""
+    """Return, lane by lane, normal and squared distance at roots: `a` where the mask is set, else `b`."""
     return Foot(
         select(mask, a.nx, b.nx), select(mask, a.ny, b.ny), select(mask, a.nz, b.nz), select(mask, a.away, b.away)
     )
@@ -220,10 +224,10 @@ def choose(mask: Mask, a: Foot, b: Foot) -> Foot:
 
 @inline
 def _four_t(ta: F16, tb: F16, around: F16, inner: F16, outer: F16) -> F16:
-    """Return four t in the interval from ta to tb of each ray, at which f is evaluated next.
+    """Return four t for each ray, within its interval from ta to tb, at which f is evaluated next.
 
-    around : place to search around, 0 at ta to 1 at tb
-    inner, outer : distances of two t each from it, in lengths of the interval
+    around : place in the interval to search around, 0 at ta to 1 at tb
+    inner, outer : distances from there, on both sides, of the two nearer and the two farther t, in interval lengths
     """
     near = mask16(0x0FF0)
     sign = quarters(-ONE, -ONE, ONE, ONE)
@@ -235,14 +239,15 @@ def _four_t(ta: F16, tb: F16, around: F16, inner: F16, outer: F16) -> F16:
 def look_into(tree: Tree, scratch: Scratch, frame: Frame, pair: Pair, crosses: Mask, todo: Bits, lift: F16) -> Root:
     """Find the first zero of f between two samples of each of four rays, with the model's number of secant steps.
 
-    pair : the samples; crosses : mask, rays whose two samples have different signs; for the others four samples look
-        for a change of sign first
-    todo : 4 bits, the rays to search for; lift : constant that is added to f of rays that start on the surface
+    pair : the two samples of each ray; todo : 4 bits, the rays to search for
+    crosses : mask of the rays whose two samples have different signs; for the others four samples between them look for
+        a change of sign first
+    lift : constant that is added to f of rays that start on the surface (start rule)
 
-    A step evaluates four samples around the estimate; the first part with a crossing is the next interval. Where an
-    estimate was off (the crossing is not between the two close samples), up to three steps follow. With one of these,
-    up to 17 of 1.4 million rays on a scan ended more than 2% of the radius apart in different trees; with three, none
-    did on ten of twelve scans, and 7 did on the noisiest.
+    A step evaluates four samples around the estimate of the zero; the first interval between them with a change of
+    sign comes next. Where an estimate was off (the zero is not between the two close samples), up to three more steps
+    follow. With one more, up to 17 of 1.4 million rays on a scan ended more than 2% of the radius apart in different
+    trees; with three, none did on ten of twelve scans, and 7 did on the noisiest.
     """
     ta, fa, tb, fb = pair.ta, pair.fa, pair.tb, pair.fb
     steps = tree.head[REFINE]

@@ -49,7 +49,7 @@ FLAT2 = f32(0.01**2)  # squared radii: distance from a disc's plane within which
 def approach(to: Three, d: Three, square: Real) -> tuple[Real, Real]:
     """Return t of the point of a ray nearest to a sphere's centre, and the squared half chord, below 0 for a miss.
 
-    to : from the ray's origin to the centre; d : unit direction; square : squared radius
+    to : vector from the ray's origin to the centre; d : unit direction; square : squared radius
     It serves one ray and eight spheres, or one sphere and sixteen rays.
     """
     along = to[0] * d[0] + to[1] * d[1] + to[2] * d[2]
@@ -61,8 +61,9 @@ def approach(to: Three, d: Three, square: Real) -> tuple[Real, Real]:
 def meet_sphere(chord: tuple[Real, Real], start: tuple[Real, Real], square: Real) -> Real:
     """Return t where a ray hits a sphere, inf for a miss. A ray that starts on the sphere only hits it from inside.
 
-    chord : t nearest to the centre, and the squared half chord, from `approach`; square : squared radius
-    start : t where the ray begins (negative if it starts on no surface), and its side, -1 if it starts inside
+    chord : (t, half^2), t of the ray's point nearest to the centre and the squared half chord, from `approach`
+    start : (begin, side), t where the ray begins, negative if it starts on no surface; and -1 if it starts inside
+    square : squared radius
     """
     (along, rest), (begin, side) = chord, start
     half = vsqrt(rest)
@@ -84,8 +85,9 @@ def meet_disc(
 ) -> Real:
     """Return t where a ray hits a flat disc, inf for a miss. A ray that starts on the disc does not hit it.
 
-    to : from the ray's origin to the centre; d : unit direction; disc : normal and squared radius
-    begin : t where the ray begins (negative if it starts on no surface)
+    to : vector from the ray's origin to the disc's centre; d : unit direction
+    begin : t where the ray begins, negative if it starts on no surface
+    disc : normal x, y, z and squared radius
     """
     mx, my, mz, square = disc
     rise = mx * d[0] + my * d[1] + mz * d[2]
@@ -105,9 +107,10 @@ def _row(tree: Tree, at: int) -> F8:
 
 @inline
 def nearest_of_leaf(tree: Tree, block: int, ray: Ray, nearest: float, slot: int) -> tuple[float, int]:
-    """Return t and slot of the nearest scattered point of a leaf that a ray hits, or of an earlier hit if it is nearer.
+    """Return t and slot of a ray's nearest hit so far, after testing the eight scattered points of a leaf.
 
-    block : first of the leaf's two; nearest, slot : the earlier hit, or the end of the search and -1
+    block : first of the leaf's two blocks
+    nearest, slot : t and slot of the nearest hit before, or t where the search ends and -1
 
     A slot is four times the block plus the position in it. Of points at the same t the first slot wins.
     """
@@ -129,10 +132,10 @@ def nearest_of_leaf(tree: Tree, block: int, ray: Ray, nearest: float, slot: int)
 
 @inline
 def begin_scattered(rows: Array, numbers: Array, length: int, span: tuple[int, int]) -> None:
-    """Reset the hits of rays of a tile with scattered points, before a model is traversed.
+    """Reset the hits of a tile's rays with scattered points, before a model is traversed.
 
     rows, numbers : `Scratch.model` and `Scratch.numbers`
-    length : row of `rows` that says how far the rays are followed
+    length : offset in `rows` of the row that says how far each ray is followed
     span : first ray, and the end
     """
     for k in range(span[0], span[1]):
@@ -143,11 +146,12 @@ def begin_scattered(rows: Array, numbers: Array, length: int, span: tuple[int, i
 
 @inline
 def search_leaf(tree: Tree, block: int, passing: Bits, v: int, scratch: Scratch) -> Bits:
-    """Find the nearest hits of 16 rays of the tile, from v on, with the scattered points of a leaf.
+    """Find the nearest hits of 16 rays with the scattered points of a leaf, and store them in `scratch`.
 
-    block : first of the leaf's two; passing : the rays, as bits
+    block : first of the leaf's two blocks; v : index in the tile of the first of the 16 rays
+    passing : 16 bits, the rays to test
 
-    Returns the rays with a new hit, and perhaps some with one at the same t.
+    Returns the rays with a new hit, as 16 bits, and perhaps some with one at the same t.
     """
     rows, numbers = scratch.model, scratch.numbers
     ox, oy, oz = load16(rows, sc.OX + v), load16(rows, sc.OY + v), load16(rows, sc.OZ + v)
@@ -181,9 +185,10 @@ def search_leaf(tree: Tree, block: int, passing: Bits, v: int, scratch: Scratch)
 
 @inline
 def hit_scattered(tree: Tree, slot: int, t: float, o: Vec3, d: Vec3) -> Hit:
-    """Return a ray's hit with a scattered point. Its normal is exact; that of a sphere points outwards.
+    """Return a ray's hit with a scattered point. The normal is exact; that of a sphere points outwards.
 
-    slot : of the point, four times its block plus the position in it; t : of the hit; o, d : origin and unit direction
+    slot : of the point, four times its block plus the position in the block; t : t of the hit
+    o, d : origin and unit direction of the ray
     """
     at = slot // 4 * tr.BLOCK + slot % 4
     if tree.head[tr.SCATTER] == tr.SPHERES:
@@ -203,7 +208,7 @@ def hit_scattered(tree: Tree, slot: int, t: float, o: Vec3, d: Vec3) -> Hit:
 def finish_scattered(tree: Tree, span: tuple[int, int], scratch: Scratch) -> None:
     """Make the nearest scattered points the hits of rays of a tile, except where the surface is at least as near.
 
-    span : first ray, and the end
+    span : index of the first ray, and the end
     """
     rows, numbers = scratch.model, scratch.numbers
     for k in range(span[0], span[1]):

@@ -37,8 +37,10 @@ Sheet: TypeAlias = tuple[bool, Vec3]  # whether sheets are close together, and t
 class Means(NamedTuple):
     """Weighted means over the splats near sixteen points x, from which f is computed.
 
-    qx, qy, qz : mean of q = p - x, the splats' positions relative to x; nx, ny, nz : mean of their normals n
-    qn, qq : means of q.n and of q.q; weight : sum of the weights, 0 outside of all supports
+    qx, qy, qz : mean of q = p - x, the splats' positions relative to x
+    nx, ny, nz : mean of the splats' normals n
+    qn, qq : means of the dot products q.n and q.q
+    weight : sum of the weights, 0 outside of all supports
     """
 
     qx: F16
@@ -121,7 +123,10 @@ def value(surface: int, means: Means) -> tuple[F16, F16]:
 
 @inline
 def _weight(scratch: Scratch, offset: int, x: F16, y: F16, z: F16) -> F16:
-    """Return the weights of one splat at sixteen points, 0 outside of its support. offset : in `scratch.splats`"""
+    """Return the weights of one splat at sixteen points x, y, z, 0 outside of its support.
+
+    offset : where the splat is in `scratch.splats`
+    """
     splats = scratch.splats
     qx, qy, qz = (
         broadcast_from(splats, offset + 4 * PX) - x,
@@ -134,9 +139,9 @@ def _weight(scratch: Scratch, offset: int, x: F16, y: F16, z: F16) -> F16:
 
 @inline
 def local_radius(scratch: Scratch, x: F16, y: F16, z: F16) -> F16:
-    """Return the root mean square of the support radii of the splats at sixteen points, with the weights of f.
+    """Return the root mean square of the support radii around sixteen points x, y, z, weighted as in f.
 
-    Averaging 1 / r^2 instead would trim hits where radii differ much.
+    The splats are those listed in `scratch`. A mean of 1 / r^2 instead would trim hits where radii differ much.
     """
     weight = square = broadcast16(ZERO)
     for k in range(scratch.counts[COUNT_SPLATS]):
@@ -151,8 +156,8 @@ def local_radius(scratch: Scratch, x: F16, y: F16, z: F16) -> F16:
 def overhang(tree: Tree, scratch: Scratch, x: F16, y: F16, z: F16) -> tuple[F16, F16]:
     """Return how much sixteen points depend on splats on an open border, and how far they are beyond these splats.
 
-    The first is their share of the weight, the second the weighted mean of (x - p).b over them; b is the direction out
-    of the surface, p the splat's position.
+    The first is the share of these splats in the sum of weights. The second is the weighted mean over these splats of
+    (x - p).b, where x is the point, p the splat's position and b its direction out of the surface.
     """
     total = share = broadcast16(f32(1e-30))
     out = broadcast16(ZERO)
@@ -176,9 +181,11 @@ def overhang(tree: Tree, scratch: Scratch, x: F16, y: F16, z: F16) -> tuple[F16,
 
 @inline
 def weights_of_block(tree: Tree, block: int, x: Real, y: Real, z: Real) -> F16:
-    """Return the weights of a block's four splats at one point, repeated in all quarters, or at four points.
+    """Return the weights of a block's four splats at one point, or at four points: lane 4 r + j for splat j at point r.
 
-    x, y, z : one point as numbers, or four points, each in a quarter of the lanes
+    block : number of the block
+    x, y, z : one point as numbers (the result is repeated in all quarters), or four points, each in a quarter of the
+        lanes
     """
     slot = i64(block) * BLOCK
     qx = repeat4(tree.blocks, slot + PX) - x
@@ -190,10 +197,13 @@ def weights_of_block(tree: Tree, block: int, x: Real, y: Real, z: Real) -> F16:
 
 @inline
 def weights_seen(tree: Tree, block: int, points: FourPoints, sheet: Sheet, part: Array) -> F16:
-    """Return the weights of one block's splats at four hits, a quarter each; 0 if a splat's sheet is not visible.
+    """Return the weights of a block's four splats at four hits: lane 4 r + j for splat j at hit r.
 
-    points : x, y, z, a quarter of the lanes for each hit; part : work space
-    sheet : whether sheets are close together, and the normal of the hit, turned to the viewer
+    Where two sheets are close together, splats of the sheet that faces away from the hit's normal get weight 0.
+
+    block : number of the block; part : work space
+    points : x, y, z of the hits, a quarter of the lanes for each
+    sheet : whether two sheets are close together, and the hit's normal, used only then
     """
     x, y, z = points
     w = weights_of_block(tree, block, x, y, z)

@@ -27,9 +27,9 @@ BATCH, SQUARE = 1024, 32  # rays that a thread takes at a time; in an image they
 
 
 class Pace(NamedTuple):
-    """Threads and progress callback for tracing a batch of rays.
+    """Number of threads and progress callback for tracing a batch of rays.
 
-    threads : None: on all cores
+    threads : number of threads; None for all cores
     progress : called with the share done, about ten times a second; an exception in it ends the work
     """
 
@@ -44,7 +44,7 @@ HitArrays: TypeAlias = tuple[Array, Array, Array, Array, Array, Array, Array, Ar
 
 @inline
 def ray_at(shape: tuple[int, int], batch: int, k: int) -> int:
-    """Return the index of ray k of a batch, or -1 if there is none. k : 0 to 1023
+    """Return the index of ray k of a batch of 1,024 rays, or -1 if there is none. k : 0 to 1023
 
     shape : height and width of an image, in which each batch is a square that follows a Morton curve, so that
         consecutive rays are close together; or 1 and the number of rays, which keep their order
@@ -98,10 +98,11 @@ def _times_power(a: Vec3, exponent: int) -> Vec3:
 def _set_rays(
     rays: tuple[Array, Array, Array], shape: tuple[int, int], start: tuple[int, int], scratch: Scratch
 ) -> bool:
-    """Set the next tile of rays; return whether any direction was scaled because its square would not be finite.
+    """Copy the next tile of rays to `scratch`; return whether any direction was scaled to make its square finite.
 
-    rays : origins, directions, limits (t_min, t_max), flat; start : the batch, and the offset of the tile in it
-    shape : height and width of the image that the rays form; or 1 and their number
+    rays : origins (n * 3,), directions (n * 3,), limits (n * 2,), the last t_min and t_max
+    shape : height and width of the image that the rays form; or 1 and n
+    start : number of the batch, and offset of the tile in it
     """
     origins, directions, limits = rays
     for k in range(sc.TILE):
@@ -129,11 +130,11 @@ def _set_rays(
 def _closest(
     work: Array, world: World, origins: Array, directions: Array, limits: Array, shape: tuple[int, int], out: HitArrays
 ) -> None:
-    """Find the closest hits of n rays with everything in the scene.
+    """Find the closest hits of n rays with everything in the scene, and write them to `out`.
 
-    origins, directions : flat; limits : (n, 2), flat, t_min and t_max
+    origins, directions : (n * 3,); limits : (n * 2,), t_min and t_max of each ray
     shape : height and width of the image that the rays form; or 1 and n
-    out : t, position, normal, color, point (the caller's row), instance, leaf, local (position in the model), flat
+    out : flat arrays of t, position, normal, color, point (the caller's row), instance, leaf, local (position in model)
     """
     t, position, normal, color, point, instance, leaf, local = out
     origins, directions, limits = borrow(origins), borrow(directions), borrow(limits)
@@ -174,9 +175,9 @@ def _closest(
 def _occluded(
     work: Array, world: World, origins: Array, directions: Array, limits: Array, shape: tuple[int, int], out: Array
 ) -> None:
-    """Test whether each of n rays hits anything; out is (n,) uint8.
+    """Test whether each of n rays hits anything; write 1 or 0 to `out`, (n,) uint8.
 
-    origins, directions : flat; limits : (n, 2), flat, t_min and t_max
+    origins, directions : (n * 3,); limits : (n * 2,), t_min and t_max of each ray
     shape : height and width of the image that the rays form; or 1 and n
     """
     origins, directions, limits = borrow(origins), borrow(directions), borrow(limits)
@@ -199,10 +200,15 @@ def _occluded(
 def _blend_attribute(
     work: Array, world: World, found: tuple[Array, int, Array, Array, Array], values: Array, width: int, out: Array
 ) -> None:
-    """Blend one attribute at hits on one model, with the weights of f; if all are zero, take the hit point's value.
+    """Blend one attribute at hits on one model, with the weights of f, and write it to `out`, (hits * width,).
 
-    found : rows of the hits; the model's index; then leaf, local (position in the model) and point (row) of all hits
-    values : (n * width,) float64, in the caller's order of points; out : (hits * width,)
+    If all weights are zero, the value is that of the point that was hit.
+
+    found : (rows, model, leaf, local, point), where
+        `rows` are the rows of the hits on this model among all hits
+        `model` is the model's index
+        `leaf`, `local` (position in the model) and `point` (row) are those of all hits
+    values : (n * width,) float64, `width` values for each of the model's n points, in the caller's order
     """
     hits, model, leaf, local, point = found
     memory = new_scratch(world.longest)
@@ -237,7 +243,10 @@ def _blend_attribute(
 
 
 def _picture(shape: tuple[int, ...]) -> tuple[int, int]:
-    """Return height and width of the image as which rays of a leading shape are traced; height 1 if they form none."""
+    """Return height and width of the image that rays form; 1 and their number if they form none.
+
+    shape : leading shape of the rays, an image if it has two axes, both longer than 1
+    """
     return (shape[0], shape[1]) if len(shape) == 2 and min(shape) > 1 else (1, int(np.prod(shape)))
 
 
@@ -258,8 +267,8 @@ def closest_hits(
     Returns
     -------
     dict
-        t (inf for a miss), position, normal, color, point (the caller's row, -1 for none), instance (-1 for a miss),
-        leaf and local (position in model space), for attributes that are blended later.
+        "t" (inf for a miss), "position", "normal", "color", "point" (the caller's row, -1 for none), "instance" (-1 for
+        a miss), "leaf" and "local" (position in model space). The last two serve to blend attributes later.
     """
     n, picture = len(origins), _picture(shape)
     out: dict[str, Array] = {
@@ -283,8 +292,10 @@ def occlusions(
 ) -> Flags:
     """Return whether each of n rays hits anything, (n,) bool.
 
-    shape : leading shape of the rays, an image if it has two axes; origins, directions : (n, 3) float64, C-contiguous
-    limits : (n, 2) float64, t_min and t_max; pace : threads and progress callback
+    shape : leading shape of the rays, an image if it has two axes
+    origins, directions : (n, 3) float64, C-contiguous
+    limits : (n, 2) float64, t_min and t_max of each ray
+    pace : threads and progress callback
     """
     out, picture = np.zeros(len(origins), np.uint8), _picture(shape)
     rays = origins.reshape(-1), directions.reshape(-1), limits.reshape(-1)
@@ -297,8 +308,9 @@ def blend_attribute(
 ) -> Array:
     """Blend one attribute at hits on one model, with the weights of f; return float64, one row per hit.
 
-    hits : from `closest_hits`; rows : of these hits; model : index of the model
-    values : (n,) or (n, k), of all points in the caller's order; pace : threads and progress callback
+    hits : all hits, from `closest_hits`; rows : rows of the hits on the model among them
+    model : index of the model; values : (n,) or (n, k), of all its points in the caller's order
+    pace : threads and progress callback
     """
     out = np.empty((len(rows), *values.shape[1:]))
     found = (rows, model, hits["leaf"], hits["local"].reshape(-1), hits["point"])

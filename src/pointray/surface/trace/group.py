@@ -57,7 +57,7 @@ def leaf_edge(tree: Tree) -> float:
 def coherent(edge: float, rows: Array) -> bool:
     """Return whether all rays of a tile are worth a common traversal: close origins, similar directions of equal signs.
 
-    edge : width of a leaf; rows : `Scratch.model`
+    edge : width of a leaf, in which distances of origins are measured; rows : `Scratch.model`, the rays
     """
     for c in range(3):
         low, high = range_of(rows, sc.DX + c * sc.TILE, (0, sc.TILE))
@@ -71,9 +71,11 @@ def coherent(edge: float, rows: Array) -> bool:
 
 @inline
 def similar_rays(edge: float, rows: Array, left: Bits) -> Bits:
-    """Return those of the saved rays `left` (bits) that may be traced together with the first of them.
+    """Return which rays of a tile may be traced together with one of them, as bits of the tile.
 
-    edge : width of a leaf; rows : `Scratch.model`, which `save_rays` has copied
+    left : bits of the rays to choose from, the first of which is that one
+    edge : width of a leaf, in which distances of origins are measured
+    rows : `Scratch.model`, with the copies of the rays that `save_rays` has made
     """
     i, rays = sc.SAVED_ROWS + count_trailing_zeros(left), i64(0)
     far, wide = f32(0.5) * SCATTERED * edge, f32(0.5) * WIDEST
@@ -108,7 +110,11 @@ def save_rays(scratch: Scratch) -> None:
 
 @inline
 def _pack_row(rows: Array, row: int, rays: Bits, last: float) -> None:
-    """Pack one row of the given saved rays (bits) into the first slots; fill the rest of the last 16 with `last`."""
+    """Pack one row of the given saved rays (bits) into the tile's first slots, one number for each ray.
+
+    row : offset of the row in `rows`; rows : `Scratch.model`
+    last : number for the slots behind the last ray, up to a multiple of 16
+    """
     n = i64(0)
     for v in range(0, sc.TILE, sc.LANES):
         word = (rays >> v) & 0xFFFF
@@ -136,11 +142,11 @@ def pack_rays(rays: Bits, scratch: Scratch) -> int:
 
 @inline
 def save_hits(rays: Bits, lifted: Bits, scratch: Scratch) -> Bits:
-    """Save the hits of a group of rays that were packed into the tile's first slots.
+    """Copy the hits of a group of rays that were packed into the tile's first slots to the saved rays.
 
-    rays : the group, as bits of the tile; lifted : those to which the start rule applies, as bits of slots
+    rays : the group, as bits of the tile; lifted : rays to which the start rule applies, as bits of the first slots
 
-    Returns the latter as bits of the tile.
+    Returns `lifted` as bits of the tile.
     """
     rows, numbers, k, back = scratch.model, scratch.numbers, 0, i64(0)
     while rays != 0:

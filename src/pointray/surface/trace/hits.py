@@ -63,9 +63,11 @@ def next_of_leaf(numbers: Array, left: Bits, i: int) -> int:
 
 @inline
 def list_around(tree: Tree, four: Four, scratch: Scratch) -> FourPoints:
-    """List the blocks near four hits in one leaf in `scratch.near`; return the hits, each in a quarter of the lanes.
+    """List the blocks near four hits in one leaf in `scratch.near`; return the hits in the model's space.
 
     four : indices of the rays in the tile
+
+    Returns x, y, z, with each hit in a quarter of the lanes.
     """
     wide, numbers = scratch.world, scratch.numbers
     a, b, c, d = (
@@ -91,10 +93,10 @@ def _weigh(
     """Weigh the splats of the blocks listed in `scratch` at four points; lane 4 r + j is splat j of a block at point r.
 
     points : x, y, z, a quarter of the lanes for each; tone : linear value of each sRGB level
-    sheet : whether sheets are close together, and the normal of the hit, turned to the viewer
+    sheet : whether two sheets are close together, and the hit's normal, which selects one of them
 
-    Returns in each lane the greatest weight, the index of its block in the list, the sums of weighted red, green and
-    blue, and the sum of the weights.
+    Returns in each lane six values: the greatest weight, the index in the list of its block, the sums of weighted red,
+    green and blue, and the sum of the weights.
     """
     part = scratch.part
     most = block_of_most = red = green = blue = total = broadcast16(ZERO)
@@ -117,12 +119,12 @@ def _weigh(
 
 @inline
 def _describe(world: World, four: Four, scratch: Scratch) -> None:
-    """Find colour (blended by the weights of f; 1 if the points have none) and splat of four hits in one leaf.
+    """Find colour and splat of four hits in one leaf, and store them in `scratch`.
+
+    The colour is blended with the weights of f; it is 1 if the points have none. The splat is that of greatest weight;
+    if all are zero, the nearest one. It is stored as its slot, four times the block plus the position in it.
 
     four : indices of the rays in the tile
-
-    The splat is that of greatest weight; if all are zero, the nearest one. It is stored as its slot, four times the
-    block plus the position in it.
     """
     wide, numbers, part = scratch.world, scratch.numbers, scratch.part
     offset = numbers[sc.INSTANCE_OF + four[0]] * INSTANCE

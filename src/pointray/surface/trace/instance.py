@@ -28,14 +28,17 @@ Box: TypeAlias = tuple[Bounds, tuple[float, float], bool, bool]  # see `_enter`
 
 @inline
 def _enter(matrix: ToModel, box: Box, i: int, scratch: Scratch) -> None:
-    """Transform ray i of the tile into a model's space, starting where it enters the bounds.
+    """Transform ray i of the tile into a model's space, starting where it enters the bounds, and store it in `scratch`.
 
-    The ray is stored in `scratch`; its length there (row LENGTH) is negative if it misses the bounds.
+    Its length there (row LENGTH) is negative if the ray misses the bounds. By the start rule, a ray from outside the
+    bounds starts on no disc and on no scattered point, and a ray of a camera or of a caller on no disc.
 
     matrix : from the world to the model
-    box : the model's bounds; its longest sample step, and 1 / step; whether it consists of discs; and whether it has
-        scattered points. The last two matter to the start rule: a ray from outside the bounds starts on no disc and
-        on no scattered point, and a ray of a camera or of a caller starts on no disc
+    box : (bounds, step, discs, scattered), where
+        `bounds` are the low and the high corner of the model
+        `step` is the model's longest sample step, and 1 / step
+        `discs` says whether the surface consists of discs
+        `scattered` says whether there are scattered points
     """
     wide, rows, (bounds, step, discs, scattered) = scratch.world, scratch.model, box
     ray = (load3(wide, sc.ORIGIN + i), load3(wide, sc.DIRECTION + i), wide[sc.T_MIN + i], wide[sc.NEAREST + i])
@@ -65,9 +68,10 @@ def _narrow(i: int, scratch: Scratch) -> None:
 
 @inline
 def _some_enter(matrix: ToModel, box: Box, rays: Bits, scratch: Scratch) -> Bits:
-    """Transform the given rays (bits) into a model's space, one by one; return those that hit its bounds.
+    """Transform the given rays into a model's space, one by one; return those that hit the model's bounds.
 
-    matrix : from the world to the model; box : its bounds, sample step and kinds of splats
+    matrix : from the world to the model; box : the model's bounds, sample step and kinds of splats
+    rays : bits of the tile, as the result
     """
     meeting = i64(0)
     while rays != 0:
@@ -82,9 +86,10 @@ def _some_enter(matrix: ToModel, box: Box, rays: Bits, scratch: Scratch) -> Bits
 
 @inline
 def _all_enter(matrix: ToModel, box: Box, rays: Bits, scratch: Scratch) -> Bits:
-    """Transform the tile's rays into a model's space; return those of the given rays (bits) that hit its bounds.
+    """Transform all rays of the tile into a model's space; return those of the given rays that hit the model's bounds.
 
-    matrix : from the world to the model; box : its bounds, sample step and kinds of splats
+    matrix : from the world to the model; box : the model's bounds, sample step and kinds of splats
+    rays : bits of the tile, as the result
 
     It branches only if some rays of the tile miss: the rays are processed as vectors.
     """
@@ -111,10 +116,10 @@ def _all_enter(matrix: ToModel, box: Box, rays: Bits, scratch: Scratch) -> Bits:
 
 @inline
 def _trace_groups(table: Array, model: int, entered: Bits, any_hit: bool, scratch: Scratch) -> Bits:
-    """Trace groups of similar rays through a model; return the rays (bits) that must be traced singly.
+    """Trace groups of similar rays through a model; return the rays that must be traced singly, as bits of the tile.
 
-    table : addresses of all models; model : index in it; entered : rays that hit its bounds, as bits
-    any_hit : whether any hit suffices, as for occlusion
+    table : addresses of all models' arrays; model : index of the model
+    entered : rays that hit the model's bounds, as bits; any_hit : whether any hit suffices, as for occlusion
     """
     rows, edge = scratch.model, leaf_edge(tree_at(table, model))
     whole = coherent(edge, rows)
@@ -142,9 +147,10 @@ def _trace_groups(table: Array, model: int, entered: Bits, any_hit: bool, scratc
 
 @inline
 def through_instance(world: World, offset: int, rays: Bits, any_hit: bool, scratch: Scratch) -> None:
-    """Find hits of the given rays of the tile (bits) with an instance, if they are nearer than earlier hits.
+    """Find hits of rays with an instance, and store those that are nearer than earlier hits in `scratch`.
 
-    offset : of the instance's record in `World.instances`; any_hit : whether any hit suffices, as for occlusion
+    offset : where the instance's record begins in `World.instances`
+    rays : bits of the tile; any_hit : whether any hit suffices, as for occlusion
     """
     model = i64(world.instances[offset + SHAPE_ROW])
     tree = tree_at(world.table, model)
@@ -185,7 +191,7 @@ def _keep_t(row: int, i: int, scratch: Scratch) -> None:
 
     row : index of the instance
 
-    Of hits at the same t that of the first instance wins, in any order of traversal, then that of a plane.
+    Of hits at the same t the one with the first instance wins, in any order of traversal; one with a plane comes last.
     """
     wide, numbers = scratch.world, scratch.numbers
     t, t_before, row_before = (

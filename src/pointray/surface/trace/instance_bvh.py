@@ -20,9 +20,9 @@ from .traverse import make_ray
 
 @inline
 def begin_walk(world: World, scratch: Scratch) -> int:
-    """Push the first entries on the stack of the traversal of instances; return their number.
+    """Push the first entries on the stack of the traversal of instances; return the number of entries.
 
-    It is the root of the BVH, or all models if there are few.
+    The entry is the root of the BVH with all rays that enter it; if there are few models, each of them is an entry.
     """
     if world.top_children.size > 0:
         rays = _rays_to_top(world, scratch)
@@ -69,9 +69,9 @@ def shorten(world: World, scratch: Scratch) -> None:
 
 @inline
 def _enter(world: World, offset: int, rays: Bits, scratch: Scratch) -> tuple[Bits, float]:
-    """Return those of the given rays (bits) that enter a box before they end, and the least t at which one does.
+    """Return the rays that enter a box before they end, as bits of the tile, and the least t at which one does.
 
-    offset : of the box in `World.top_boxes`
+    offset : where the box begins in `World.top_boxes`; rays : bits of the rays to test
     """
     boxes, rows = world.top_boxes, scratch.model
     entering, nearest = i64(0), INF
@@ -103,11 +103,11 @@ def _enter(world: World, offset: int, rays: Bits, scratch: Scratch) -> tuple[Bit
 
 @inline
 def open_node(world: World, node: int, rays: Bits, top: int, scratch: Scratch) -> int:
-    """Push the children of a node of the BVH over the instances that any ray enters on the stack, the nearer one last.
+    """Push on the stack the children, which rays enter, of a node of the BVH over the instances, the nearer one last.
 
     rays : those that enter the node, as bits; top : number of entries on the stack
 
-    Returns the new number.
+    Returns the new number of entries.
     """
     offset = node * TOP_NODE
     a, near_a = _enter(world, offset, rays, scratch)
@@ -126,9 +126,9 @@ def open_node(world: World, node: int, rays: Bits, top: int, scratch: Scratch) -
 
 @inline
 def still_open(world: World, top: int, scratch: Scratch) -> Bits:
-    """Return those rays (bits) of a stack entry that have no hit before they enter its box.
+    """Return the rays of a stack entry that have no hit before the first of them enters the entry's box, as bits.
 
-    top : index of the entry. Its rays are those that enter the box
+    top : index of the entry in the stack
     """
     rays, near = scratch.top_rays[top], scratch.top_near[top]
     if world.top_children.size == 0:

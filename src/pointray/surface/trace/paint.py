@@ -24,7 +24,7 @@ Four: TypeAlias = tuple[int, int, int, int]  # rays of the tile
 def _map_color(world: World, paint: int, map_position: float) -> Vec3:
     """Return the colour of a colour map at a position from 0 to its number of colours; for NaN that of missing values.
 
-    paint : offset of the record in `World.paints`
+    paint : offset in `World.paints` of the record of the attribute that the map colours
     """
     count, first = int(world.paints[paint + rec.PAINT_COUNT]), int(world.paints[paint + rec.PAINT_COLORS])
     k = count
@@ -39,10 +39,11 @@ def _blend(
 ) -> tuple[F16, F16, F16]:
     """Sum an attribute's values over the splats of the blocks listed in `scratch`, weighted as in f, at four points.
 
-    paint : offset of the record in `World.paints`; points : x, y, z, a quarter of the lanes for each
-    sheet : whether sheets are close together, and the normal of the hit, turned to the viewer
+    paint : offset of the attribute's record in `World.paints`; points : x, y, z, a quarter of the lanes for each
+    sheet : whether two sheets are close together, and the hit's normal, which selects one of them
 
-    Returns in each lane sums of weights, of weights of splats with a value, and of weighted colour map positions.
+    Returns three vectors, to be summed over each quarter: the weights, the weights of splats with a value, and the
+    weights times positions in the colour map.
     """
     part, first = scratch.part, int(world.paints[paint + rec.PAINT_POSITIONS])
     total = known = map_position = broadcast16(ZERO)
@@ -63,7 +64,8 @@ def _blend(
 def _blended(sums: tuple[F16, F16, F16], r: int, own: float, scratch: Scratch) -> float:
     """Return the position in the colour map at point r of four; NaN if splats without a value have most of the weight.
 
-    sums : from `_blend`; own : position for the splat that was hit, which is used if all weights are zero
+    sums : from `_blend`
+    own : position in the colour map of the splat that was hit, which is used if all weights are zero
     """
     part = scratch.part
     for k in range(3):
@@ -82,7 +84,7 @@ def paint_four(world: World, four: Four, points: FourPoints, sheet: Sheet, scrat
 
     four : indices of the rays in the tile, whose splats are known and whose blocks are listed in `scratch`
     points : x, y, z of the hits, a quarter of the lanes for each
-    sheet : whether sheets are close together, and the normal of the hit, turned to the viewer
+    sheet : whether two sheets are close together, and the hit's normal, which selects one of them
     """
     offset = scratch.numbers[sc.INSTANCE_OF + four[0]] * rec.INSTANCE
     tree = tree_at(world.table, i64(world.instances[offset + rec.SHAPE_ROW]))
@@ -102,7 +104,7 @@ def paint_four(world: World, four: Four, points: FourPoints, sheet: Sheet, scrat
 def _own_position(world: World, paint: int, i: int, scratch: Scratch) -> float:
     """Return the position in the colour map of the value of the splat that ray i has hit.
 
-    paint : offset of the record in `World.paints`
+    paint : offset of the attribute's record in `World.paints`
     """
     return f64(world.map_positions[int(world.paints[paint + rec.PAINT_POSITIONS]) + scratch.numbers[sc.SLOT_OF + i]])
 
@@ -111,7 +113,7 @@ def _own_position(world: World, paint: int, i: int, scratch: Scratch) -> float:
 def _paint(world: World, paint: int, i: int, map_position: float, scratch: Scratch) -> None:
     """Set the colour of ray i's hit from a position in the colour map.
 
-    paint : offset of the record in `World.paints`
+    paint : offset of the attribute's record in `World.paints`
     map_position : NaN for a missing value; ignored for colour by coordinate, which follows from the hit's position
     """
     wide = scratch.world

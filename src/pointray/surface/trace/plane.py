@@ -21,10 +21,11 @@ ON_PLANE = 1e-12  # share of the coordinates within which a ray starts on a plan
 def _plane_hit(world: World, plane: int, ray: WorldRay, start_rule: tuple[float, float]) -> float:
     """Return t of a ray's hit with a plane, inf for a miss.
 
-    plane : offset of its record in `World.planes`; ray : origin, direction, t_min, t_max
-    start_rule : side, +1 or -1, of a surface that the ray starts on; and nonzero if a clip plane has cut the ray
+    A ray that starts on the plane hits it only if it goes to the other side, or if a clip plane has cut it there.
 
-    A ray that starts on the plane hits it only if it goes to the other side, or if it was cut there.
+    plane : where the plane's record begins in `World.planes`; ray : origin, direction, t_min, t_max
+    start_rule : (side, cut), +1 or -1 for the side of the surface on which the ray starts; nonzero if a clip plane has
+        cut the ray
     """
     o, d, t_min, t_max = ray
     side, cut = start_rule

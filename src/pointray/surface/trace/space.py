@@ -34,9 +34,11 @@ def model_bounds(head: Array) -> Bounds:
 
 @inline
 def _clip(span: tuple[float, float], edges: tuple[float, float], o: float, d: float) -> tuple[float, float]:
-    """Clip a ray's span of t to the space between two planes across an axis; it is empty if the first is greater.
+    """Clip an interval of t along a ray to the space between two planes across an axis; it is empty if low > high.
 
-    edges : the planes' coordinates; o, d : components of the ray's origin and direction along that axis
+    span : (low, high), the interval, as in the result
+    edges : the planes' coordinates on the axis
+    o, d : components of the ray's origin and direction along the axis
     """
     inverse = 1.0 / (d if abs(d) > 1e-300 else 1e-300)
     a, b = (edges[0] - o) * inverse, (edges[1] - o) * inverse
@@ -80,12 +82,17 @@ def into_model(
 ) -> tuple[Vec3, Vec3, float, float, float, float]:
     """Transform a world ray (o, d, t_min, t_max) into model space, starting where it enters the bounds.
 
+    No branches: the rays of a tile are processed as vectors.
+
     matrix : from the world to the model; bounds : low and high corner of the model
     step : the model's longest sample step (0: unknown), and 1 / step
 
-    Return (start, unit direction, low, high, speed, begin): low and high along the unit direction, low > high for a
-    ray that misses the bounds; speed is the length of the original direction in model space; begin is the ray's start
-    relative to low. No branches: the rays of a tile are processed as vectors.
+    Returns (start, direction, low, high, speed, begin), where
+        `start` is the position where the ray enters the bounds, and `direction` is unit
+        `low` and `high` are distances along `direction` from the ray's origin, of `start` and of the ray's end in the
+        bounds; low > high if it misses them
+        `speed` is the length of the original direction in model space
+        `begin` is the distance from `start` to where the ray begins, 0 if that is before `start`
     """
     d = transform(matrix, ray[1])
     speed = length(d)

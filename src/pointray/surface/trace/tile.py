@@ -53,9 +53,10 @@ def bits_of_row(rows: Array, row: int) -> Bits:
 
 @inline
 def range_of(rows: Array, row: int, span: tuple[int, int]) -> tuple[float, float]:
-    """Return the least and greatest number of some of a tile's rays in a row.
+    """Return the least and the greatest number in a row of `Scratch.model`, among a range of a tile's rays.
 
-    rows : `Scratch.model`; row : offset of the row in it; span : first ray, and the end, multiples of 16
+    rows : `Scratch.model`; row : offset of the row in `rows`
+    span : first ray, and the end, multiples of 16
     """
     low = high = load16(rows, row + span[0])
     for k in range(span[0] + sc.LANES, span[1], sc.LANES):
@@ -68,10 +69,11 @@ def range_of(rows: Array, row: int, span: tuple[int, int]) -> tuple[float, float
 def bounds_of_planes(rows: Array, row: int, inverse: int, span: tuple[int, int]) -> tuple[float, float, float, float]:
     """Return bounds of rays along one axis, for tests of all of them against a box at once.
 
-    rows : `Scratch.model`; row, inverse : rows of the origins' and of the inverse directions' components
-    span : first ray, and the end
+    rows : `Scratch.model`; span : first ray of the tile, and the end
+    row, inverse : offsets in `rows` of the rows with the origins' and the inverse directions' components
 
-    Returns the origins that enter boxes first and leave them last, and the least and greatest inverse direction.
+    Returns four numbers: the origin that enters boxes first, the one that leaves them last, and the least and the
+    greatest inverse direction.
     """
     low, high = range_of(rows, row, span)
     slow, fast = range_of(rows, inverse, span)
@@ -99,10 +101,14 @@ def tile_ray(rows: Array, i: int) -> Ray:
 
 @inline
 def _leaf_intervals(tree: Tree, leaf: int, box: int, planes: tuple[Planes, Planes, float], rows: Array, v: int) -> Bits:
-    """Store where 16 rays of the tile, from v on, are in a leaf's voxel and slab; return the rays that pass all tests.
+    """Test 16 rays of the tile, from v on, against a leaf's voxel, box and slab; return as bits those that pass all.
 
-    box : offset of the leaf's tight box in `Tree.boxes`; rows : `Scratch.model`, in which ENTER to LAST are set
-    planes : rows of the near and the far planes of boxes, and t where the traversal starts
+    Rows ENTER to LAST of `rows` receive t where each ray enters and leaves the voxel, and between which the surface
+    can be.
+
+    box : offset of the leaf's tight box in `Tree.boxes`; rows : `Scratch.model`
+    planes : (near, far, begin), which planes of a box the rays enter and leave through, as rows of lo x y z, hi x y z;
+        and t where the traversal starts
     """
     near, far, begin = planes
     ox, oy, oz = load16(rows, sc.OX + v), load16(rows, sc.OY + v), load16(rows, sc.OZ + v)
@@ -140,7 +146,10 @@ def _leaf_intervals(tree: Tree, leaf: int, box: int, planes: tuple[Planes, Plane
 
 @inline
 def _search(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
-    """Search a leaf for the passing rays of the tile (bits); return those to which the start rule applies."""
+    """Search a leaf for hits of the `passing` rays (bits of the tile) and store these in `scratch`.
+
+    Returns the rays to which the start rule applies, as bits of the tile.
+    """
     if together(tree):
         return search_together(tree, leaf, passing, scratch)
     rows = scratch.model
@@ -177,8 +186,10 @@ def _search_scattered(
 ) -> bool:
     """Search a leaf of scattered points for the rays that pass through its box; return whether any hits.
 
-    block : first of the leaf's two; box : offset of its box in `Tree.boxes`; span : first ray of the tile, and the end
-    planes : rows of the near and the far planes of boxes, and t where the traversal starts
+    block : first of the leaf's two blocks; box : offset of the leaf's box in `Tree.boxes`
+    planes : (near, far, begin), which planes of a box the rays enter and leave through, as rows of lo x y z, hi x y z;
+        and t where the traversal starts
+    span : first ray of the tile, and the end
     """
     near, far, begin = planes
     rows, boxes, found = scratch.model, tree.boxes, i64(0)
@@ -203,10 +214,10 @@ def _search_scattered(
 def _shorten(tree: Tree, span: tuple[int, int], any_hit: bool, scratch: Scratch) -> float:
     """End the rays at their hits, in a tree with scattered points; return the greatest t at which one of them ends.
 
-    span : first ray of the tile, and the end; any_hit : whether a ray with a hit certainly before its end is finished
+    Scattered points are searched up to the nearest hit, and the surface up to one step beyond the nearest scattered
+    point that is hit: a shorter ray hits what the whole one does.
 
-    Scattered points are searched up to the nearest hit, and the surface one step beyond the nearest of them: a shorter
-    ray hits what the whole one does.
+    span : first ray of the tile, and the end; any_hit : whether a ray with a hit certainly before its end is finished
     """
     rows, longest = scratch.model, tree.head[tr.LONGEST]
     ended = broadcast16(-ONE)
@@ -242,7 +253,7 @@ def _end_where_hit(tree: Tree, span: tuple[int, int], scratch: Scratch) -> None:
 
 @inline
 def _walk_begin(tree: Tree, rows: Array, span: tuple[int, int]) -> float:
-    """Return t where the traversal begins: a sample step before the first of the rays begins.
+    """Return t where the traversal of a range of the tile's rays begins: a sample step before the first of them begins.
 
     rows : `Scratch.model`, in which t where a ray begins is negative if it starts on no surface
     span : first ray, and the end
@@ -255,8 +266,8 @@ def _walk_begin(tree: Tree, rows: Array, span: tuple[int, int]) -> float:
 def closest_of_tile(table: Array, model: int, span: tuple[int, int], any_hit: bool, scratch: Scratch) -> Bits:
     """Find the first hits of rays of the tile with a model, together; they are stored in `scratch` (HIT_T, NX, FOUND).
 
-    table : addresses of all models; model : index in it; span : first ray, and the end
-    any_hit : whether any hit that is certainly before a ray's end suffices
+    table : addresses of all models' arrays; model : index of the model
+    span : first ray of the tile, and the end; any_hit : whether any hit that is certainly before a ray's end suffices
 
     Returns the rays (as bits) to which the start rule applies: its effect depends on the order of the leaves, so the
     caller traces these singly.

@@ -32,7 +32,7 @@ def avoid_zero(d: float) -> float:
 def make_ray(o: Vec3, d: Vec3, length: float, side: float) -> Ray:
     """Make a ray in model space that begins at t = 0, from float64 origin o and unit direction d.
 
-    length : its end; side : +1 or -1, the side of a surface on which it starts, outside or inside
+    length : t where the ray ends; side : +1 or -1, the side of a surface on which it starts, outside or inside
     """
     x, y, z = avoid_zero(f32(d[0])), avoid_zero(f32(d[1])), avoid_zero(f32(d[2]))
     return Ray(f32(o[0]), f32(o[1]), f32(o[2]), x, y, z, ONE / x, ONE / y, ONE / z, ZERO, f32(length), f32(side))
@@ -40,18 +40,18 @@ def make_ray(o: Vec3, d: Vec3, length: float, side: float) -> Ray:
 
 @inline
 def near_planes(ix: float, iy: float, iz: float) -> Planes:
-    """Return which three of a box's six planes a ray enters first, as rows of its lo x y z, hi x y z.
+    """Return which three of a box's six planes a ray enters through, as rows of lo x y z, hi x y z.
 
-    ix, iy, iz : inverse direction of the ray. For an empty box (lo = inf, hi = -inf) no interval remains behind them.
+    ix, iy, iz : inverse direction of the ray. An empty box (lo = inf, hi = -inf) is missed by every ray.
     """
     return (0 if ix > ZERO else 3), (1 if iy > ZERO else 4), (2 if iz > ZERO else 5)
 
 
 @inline
 def far_planes(near: Planes) -> Planes:
-    """Return which three of a box's six planes a ray leaves through, as rows of its lo x y z, hi x y z.
+    """Return which three of a box's six planes a ray leaves through, as rows of lo x y z, hi x y z.
 
-    near : rows of the planes that it enters first
+    near : rows of the planes that it enters through
     """
     return 3 - near[0], 5 - near[1], 7 - near[2]
 
@@ -60,9 +60,10 @@ def far_planes(near: Planes) -> Planes:
 def _voxel_interval(
     tree: Tree, leaf: int, ray: Ray, rows: tuple[Planes, Planes], limits: tuple[float, float]
 ) -> tuple[float, float]:
-    """Return t where the ray enters and leaves a leaf's voxel; it misses if the first is greater.
+    """Return t where a ray enters and leaves a leaf's voxel; the ray misses if the first is greater.
 
-    rows : rows of the near and the far planes of boxes; limits : begin and end of the search
+    rows : (near, far), which planes of a box the ray enters and leaves through, as rows of lo x y z, hi x y z
+    limits : t where the search begins and ends
     """
     near, far = rows
     begin, end = limits
@@ -80,7 +81,10 @@ def _voxel_interval(
 
 @inline
 def _slab_interval(tree: Tree, leaf: int, ray: Ray, interval: tuple[float, float]) -> tuple[float, float]:
-    """Return the part of an interval of t in which a ray is inside the leaf's slab; empty if the first is greater."""
+    """Return t where a ray enters and leaves a leaf's slab, within an interval; empty if the first is greater.
+
+    interval : begin and end of the interval of t
+    """
     offset = leaf * tr.LEAF
     mx, my, mz = tree.leaves[offset + tr.SLAB], tree.leaves[offset + tr.SLAB + 1], tree.leaves[offset + tr.SLAB + 2]
     height = mx * ray.ox + my * ray.oy + mz * ray.oz
@@ -136,7 +140,7 @@ def is_sure(tree: Tree, t: float, end: float) -> bool:
 def closest(table: Array, model: int, ray: Ray, any_hit: bool, scratch: Scratch) -> Hit:
     """Find the first hit of a ray with a model, and count visited nodes and leaves in `scratch`.
 
-    table : addresses of all models; model : index in it
+    table : addresses of all models' arrays; model : index of the model
     any_hit : whether any hit that is certainly before the ray's end suffices
 
     Leaves of the surface follow one another along the ray, so the first hit in one of them ends the search; those of
@@ -217,9 +221,12 @@ def closest(table: Array, model: int, ray: Ray, any_hit: bool, scratch: Scratch)
 
 @inline
 def insert(stack: Array, stack_near: Array, bottom: int, top: int, what: int, near: float) -> int:
-    """Insert a child into the stack, above `bottom`, so that the nearest child is popped first; return the new top.
+    """Insert a child among the entries above `bottom` of the stack, so that the nearest child is popped first.
 
-    what : number of the child; near : t where the ray enters it; stack_near : t of each entry
+    stack, stack_near : number of each entry's child, and t where the ray enters it
+    top : number of entries; what, near : the new child's number, and t where the ray enters it
+
+    Returns the new number of entries.
     """
     j = top
     while j > bottom and stack_near[j - 1] < near:

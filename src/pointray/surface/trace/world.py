@@ -39,8 +39,9 @@ def set_ray(scratch: Scratch, i: int, ray: WorldRay) -> None:
 
 @inline
 def set_ray_from(scratch: Scratch, i: int, ray: WorldRay, side: float) -> None:
-    """Set ray i of the tile, which may start on a surface. ray : origin, direction, t_min, t_max
+    """Set ray i of the tile, which may start on a surface.
 
+    ray : origin, direction, t_min, t_max
     side : +1 if it starts outside of that surface (where normals point), -1 if inside
     """
     wide = scratch.world

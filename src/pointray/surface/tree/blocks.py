@@ -19,11 +19,12 @@ CHUNK = 4096  # blocks per tile
 def _fill_blocks(
     work: Array, order: Array, positions: Array, normals: Array, radii: Array, out: tuple[Array, Array]
 ) -> None:
-    """Copy splats into blocks of four and bound each block by a sphere.
+    """Copy splats into blocks of four and bound each block by a sphere; write both to `out`.
 
-    order : rows of the splats: the first four form block 0, and so on
-    out : blocks, 28 numbers each: 7 rows (position, normal, 1 / radius^2) of 4; bounding spheres of the blocks'
-        supports, 4 numbers each: centre, radius
+    order : rows of the splats; the first four form block 0, and so on
+    out : (blocks, bounds), where
+        `blocks` has 28 numbers per block, 7 rows (position x y z, normal x y z, 1 / radius^2) of 4 splats
+        `bounds` has 4 numbers per block, centre and radius of a sphere around its splats' supports
     """
     blocks, bounds = out
     tile = next_tile(work)

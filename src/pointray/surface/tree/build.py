@@ -49,9 +49,9 @@ class Splats(NamedTuple):
 class WholeModel(NamedTuple):
     """Parameters of the whole model for the tree of a part, so that rays get the same hits as in the whole tree.
 
-    top : the nodes above the part's voxels, cut as in the whole tree; its groups are numbered within the part
-    bounds : (6,) float32, of all supports, lo x y z, hi x y z; the lattice of samples starts where a ray enters them
-    reference : a support radius; a leaf's sample distance is that for this radius times a power of two
+    top : the nodes above the part's voxels, cut as in the whole tree; groups of blocks are numbered within the part
+    bounds : (6,) float32, box around all supports, lo x y z, hi x y z; t is measured from where a ray enters it
+    reference : a support radius; the sample distance of each leaf is that for this radius times a power of two
     """
 
     top: Top
@@ -77,7 +77,7 @@ def build_tree(
     ----------
     splats : Splats
     settings : TreeSettings
-        Kind of surface, sampling along rays, limits of hits, width of voxels.
+        Kind of surface, samples along rays, how far hits may be from splats, width of voxels.
     threads : int, optional
     progress : callable, optional
         Called with the fraction completed, 0 to 1.
@@ -155,7 +155,7 @@ def build_tree(
 
 
 def bounds_of(splats: Splats) -> Floats:
-    """Return the bounds of the supports, (6,) lo x y z, hi x y z."""
+    """Return the box around the supports of all splats, (6,) lo x y z, hi x y z."""
     out = np.empty(6, np.float32)
     for c, column in enumerate(splats.positions.T):  # 8 times as fast as over rows of three
         out[c], out[3 + c] = (column - splats.radii).min(), (column + splats.radii).max()
@@ -171,10 +171,11 @@ def reference_of(radii: Floats) -> float:
 
 
 def _facing(order: NDArray[np.int32], splats: Splats, slots: int) -> NDArray[np.int8]:
-    """Return the normals of splats with another sheet close by, in 127ths, zero for the others: (3 * slots,) or empty.
+    """Return for each slot the splat's normal in 127ths if another sheet is close by, else zero: (3 * slots,).
 
-    order : row of the splat in each slot
-    slots : number of slots, four per block. Empty if no sheets are close together
+    The result has length 0 if no sheets are close together.
+
+    order : row of the splat in each slot; slots : number of slots, four per block
     """
     if splats.sheets is None or not splats.sheets.any():
         return np.zeros(0, np.int8)
@@ -182,9 +183,12 @@ def _facing(order: NDArray[np.int32], splats: Splats, slots: int) -> NDArray[np.
 
 
 def _borders(order: NDArray[np.int32], borders: Floats | None, slots: int) -> NDArray[np.int8]:
-    """Return the outward direction of splats on an open border, in 127ths, zero for the others: (3 * slots,) or empty.
+    """Return for each slot the splat's outward direction in 127ths if it is on an open border, else zero: (3 * slots,).
 
-    order : row of the splat in each slot; slots : number of slots, four per block. Empty if no splat is on a border.
+    The result has length 0 if no splat is on a border.
+
+    order : row of the splat in each slot; slots : number of slots, four per block
+    borders : (n, 3), outward direction (unit) for splats on an open border, else zero; None if all are zero
     """
     if borders is None or not borders.any():
         return np.zeros(0, np.int8)
@@ -193,10 +197,11 @@ def _borders(order: NDArray[np.int32], borders: Floats | None, slots: int) -> ND
 
 
 def _directions(order: NDArray[np.int32], chosen: Flags, directions: Floats, slots: int) -> NDArray[np.int8]:
-    """Return the directions of chosen splats, in 127ths, and zero for the others, (3 * slots,).
+    """Return for each slot the splat's direction in 127ths if the splat is chosen, else zero: (3 * slots,).
 
-    order : row of the splat in each slot; chosen : (n,) mask; directions : (n, 3), unit
-    slots : number of slots, four per block
+    order : row of the splat in each slot; slots : number of slots, four per block
+    chosen : (n,), True for splats whose direction is returned
+    directions : (n, 3), a unit vector for each chosen splat
     """
     out = np.zeros((slots, 3), np.int8)
     at = np.flatnonzero(chosen[order])
@@ -205,9 +210,10 @@ def _directions(order: NDArray[np.int32], chosen: Flags, directions: Floats, slo
 
 
 def rows_of_slots(order: NDArray[np.int32], rows: NDArray[np.int32], slots: int) -> NDArray[np.int32]:
-    """Return the caller's row of each slot, (slots,), -1 for empty slots at the end. A block has four slots.
+    """Return for each slot the caller's row of its splat, (slots,); -1 for empty slots at the end.
 
-    order : row in `rows` of the splat in each slot; rows : (n,) the caller's row of each splat
+    order : index in `rows` of the splat in each slot; rows : (n,) the caller's row of each splat
+    slots : number of slots, four per block
     """
     out = np.full(slots, -1, np.int32)
     out[: len(order)] = rows[order]
@@ -232,7 +238,7 @@ def unpacked_colors(colors: NDArray[np.int32]) -> NDArray[np.uint8]:
 
 
 def _noise(order: NDArray[np.int32], noise: Floats | None, slots: int) -> Floats:
-    """Return the largest noise of the splats in each block of four, (slots / 4,); empty if nothing was smoothed.
+    """Return the largest noise of the splats in each block of four, (slots / 4,); length 0 if nothing was smoothed.
 
     order : row of the splat in each slot; slots : number of slots
     noise : (n,), standard deviation of the noise that was smoothed away at each splat

@@ -34,11 +34,11 @@ Parts: TypeAlias = tuple[Array, Array, Array, Array, Array]  # one root's slices
 
 
 class Cells(NamedTuple):
-    """Binary kd-tree under construction, whose leaves are voxels with lists of blocks; children follow their parent.
+    """Binary kd-tree under construction, whose leaves are voxels with lists of blocks.
 
-    children : (nodes, 2) int32, -1 for a leaf
-    boxes : (nodes, 6) float32; a leaf's box is its voxel, shrunk to the supports in it
-    spans : (nodes, 2) int64, a leaf's range in refs
+    children : (nodes, 2) int32, numbers of later nodes, -1 for a leaf
+    boxes : (nodes, 6) float32, lo x y z, hi x y z; a leaf's box is its voxel, shrunk to the supports in it
+    spans : (nodes, 2) int64, begin and end in refs of a leaf's list of blocks
     refs : (references,) int32, block numbers
     least : (nodes,) float32, least support radius over a larger voxel around this one, so that the sample distance does
         not depend on the size of the voxels
@@ -68,17 +68,19 @@ def _area(box: Array) -> float:
 
 @inline
 def _cost(box: Array, count: int, mean: float, least: float) -> float:
-    """Return the estimated time that rays spend in a leaf, for the surface area heuristic.
+    """Return the estimated time that rays spend in a leaf, in nanoseconds times half its surface area.
 
-    count : blocks of the leaf
-    mean, least : mean and least support radius; samples are closer for a smaller least radius
+    The surface area heuristic compares such costs to decide whether to cut a voxel.
+
+    box : the leaf's box; count : number of blocks that the leaf lists
+    mean, least : mean and least support radius in the leaf; samples are closer for a smaller least radius
     """
     return _area(box) * (LEAF_COST + BLOCK_COST * count + SAMPLE_COST * mean / max(abs(least), 1e-30))
 
 
 @inline
 def _longest_edge(box: Array) -> tuple[int, float]:
-    """Return the axis and the length of a box's longest edge."""
+    """Return the axis (0 to 2) and the length of a box's longest edge."""
     axis = 0
     for c in range(1, 3):
         if box[3 + c] - box[c] > box[3 + axis] - box[axis]:
@@ -88,14 +90,16 @@ def _longest_edge(box: Array) -> tuple[int, float]:
 
 @inline
 def _decide(near: Array, sources: Span, box: Array, mean: float, step: float, refs: Array) -> tuple[int, float]:
-    """Drop a voxel's blocks whose splats all have supports farther than one sample distance from it.
+    """Fix a voxel's sample distance, and drop blocks whose supports are all farther than this distance from its box.
 
-    near : positions and squared radii of blocks
-    sources : range in refs of the voxel's blocks, which were found within a greater distance
-    mean : mean support radius, an upper bound of the radius from which the sample distance follows
-    step : sample distance along rays, in units of that radius
+    Samples are `step` times a radius apart: the least support radius around the voxel, which is returned.
 
-    Returns the end of the blocks that stay in refs, and that radius: the least support radius around the voxel.
+    near : positions and squared radii of all blocks of the root
+    sources : range in refs of the blocks to test; those that stay are moved to its front
+    mean : mean support radius in the voxel; blocks farther than `step * mean` are dropped
+    refs : indices of blocks in `near`
+
+    Returns the end in refs of the blocks that stay, and the radius, at most `mean`.
     """
     end, _, shortest, _, _ = gather(near, sources, box, f32(step * mean), refs, sources[0])
     return end, min(shortest, f32(mean))
@@ -105,16 +109,17 @@ def _decide(near: Array, sources: Span, box: Array, mean: float, step: float, re
 def _halve(
     near: Array, span: Span, cut: tuple[int, int, int], around: tuple[float, float], radii: Array, out: Parts
 ) -> tuple[int, int, int]:
-    """Make the two halves of a voxel with the blocks refs[span]; write their blocks behind these.
+    """Halve a voxel: write the boxes and block lists of two child nodes, from the voxel's blocks refs[span].
 
-    near : positions and squared radii of blocks; cut : the voxel's node, the first half's node, the axis
-    around : sample distance in units of a radius, and this radius, or an upper bound until it is known; each half
-        lists the blocks that overlap it when it is grown by the product of both
-    radii : output, mean and largest support radius over each half; until that radius is known, the mean is at most its
-        bound
+    near : positions and squared radii of all blocks of the root
+    cut : (node, first, axis), the voxel's node, the node of its first half, and the axis that is cut
+    around : (step, radius), whose product is the sample distance, or an upper bound before that is known; a half lists
+        the blocks with a support over its box grown by this distance
+    radii : output, (2, 2), mean and largest support radius over each half; before the sample distance is known, the
+        mean is at most `radius`
     out : children, boxes, ranges in refs, refs, and least radii of the nodes of one root
 
-    Returns three positions in refs: the end of the voxel's blocks, of those of the first half, and of the second.
+    Returns three ends in refs: of the voxel's blocks, of the first half's, which follow, and of the second half's.
     """
     boxes, refs, least = out[1], out[3], out[4]
     node, first, axis = cut
@@ -134,13 +139,17 @@ def _halve(
 
 @inline
 def _cut_root(work: Array, blocks: Array, numbers: Array, limits: tuple[float, float, float], out: Parts) -> int:
-    """Cut the box of a root, boxes[0], into voxels; return the number of nodes, or FULL if the arrays are too small.
+    """Cut the box of a root, boxes[0], into voxels, whose nodes and block lists are written to `out`.
 
-    numbers : of the blocks that may overlap it
-    limits : width of voxels in mean radii; sample distance in radii; margin around the box to find its blocks
-    out : children, boxes, ranges in refs, refs, and least radii of the nodes
+    numbers : numbers of the blocks that may overlap the root
+    limits : (width, step, around), where
+        `width` is the maximum width of voxels, in mean radii
+        `step` is the maximum distance of samples along a ray, in radii
+        `around` is the margin around the root's box within which supports matter
+    out : children, boxes, ranges in refs, refs, and least radii of the nodes; during the work refs holds indices into
+        `numbers`, at the end numbers of blocks
 
-    In refs, blocks are indices into `numbers` until they belong to a leaf.
+    Returns the number of nodes, or FULL if the arrays of `out` are too small.
     """
     children, boxes, spans, refs, least = out
     width, step, around = limits
@@ -209,12 +218,19 @@ def cut_roots(
 ) -> None:
     """Cut roots, boxes at the top of a kd-tree, into voxels, in the middle of their longest edges, each by one thread.
 
-    roots : (roots + 1, 3) where the nodes, block references and groups of each root begin; numbers of the groups of
-        blocks that may overlap the roots; for each root the margin around it within which splats matter
-    limits : maximum width of voxels in mean radii; maximum sample distance in radii; blocks per group
-    out : a `Cells` with the boxes of the roots, and the number of nodes of each, or FULL if the arrays are too small
-
     Voxels are first shrunk to the supports they contain, so that empty space is never examined again.
+
+    roots : (firsts, groups, around), where
+        `firsts`, (roots + 1, 3), says where each root's nodes, block references and groups begin
+        `groups` holds for one root after the other the numbers of the groups of blocks that may overlap it
+        `around`, (roots,), is the margin around each root's box within which supports matter
+    limits : (width, step, per_group), where
+        `width` is the maximum width of voxels, in mean radii
+        `step` is the maximum distance of samples along a ray, in radii
+        `per_group` is the number of blocks per group
+    out : (cells, used), where
+        `cells` receives the nodes; the boxes of the roots are given
+        `used`, (roots,), receives the number of nodes of each root, or FULL if the arrays of `cells` are too small
     """
     firsts, groups, around = roots
     width, step, per_group = limits

@@ -57,7 +57,8 @@ class Members(NamedTuple):
     """Splats over a voxel, relative to its least corner, where float32 is precise enough wherever the voxel is.
 
     rows : (7 * room,) float32; row k, which starts at k * room, holds x, y, z, nx, ny, nz or r of all splats
-    room : length of a row, at least number + 16; number : of the splats
+    room : length of a row, at least number + 16
+    number : number of splats
     """
 
     rows: Array
@@ -97,7 +98,10 @@ def sum_of_row(members: Members, row: int) -> float:
 
 @inline
 def along(members: Members, row: int, first: int, m: Vec3) -> F16:
-    """Return the dot products of m with 16 positions (row 0) or normals (row 3) of splats, from number `first` on."""
+    """Return the dot products of m with positions or normals of 16 splats, from number `first` on.
+
+    row : first row of `Members.rows` to read, 0 for the positions, 3 for the normals
+    """
     rows, room = members.rows, members.room
     x, y, z = load16(rows, row * room + first), load16(rows, (row + 1) * room + first), (row + 2) * room + first
     return m[0] * x + m[1] * y + m[2] * load16(rows, z)
@@ -105,10 +109,11 @@ def along(members: Members, row: int, first: int, m: Vec3) -> F16:
 
 @inline
 def _away(cosine: F16, least: F16, most: F16, limits: Limits) -> F16:
-    """Return the largest distance of surface from its splats along a direction, in radii, for 16 columns; at most 1.
+    """Return the largest distance of surface from its splats along a direction, in radii, at most 1, for 16 columns.
 
-    cosine : least cosine between the direction and the normals; least, most : least and largest radius
-    limits : a, b, d, e of a bound of that distance, from `leaves.limits_of`
+    cosine : least cosine between each column's direction and the normals of its splats
+    least, most : least and largest support radius of each column's splats
+    limits : the numbers a, b, d, e of `leaves.limits_of`, from which this distance follows
     """
     square = vmax(cosine * cosine, broadcast16(TINY))
     far = vmax(f32(limits[0]) + f32(limits[1]) / square, f32(limits[2]) + f32(limits[3]) / square)
@@ -120,9 +125,11 @@ def _away(cosine: F16, least: F16, most: F16, limits: Limits) -> F16:
 
 @inline
 def slab_along(members: Members, m: Vec3, limits: Limits) -> tuple[float, float]:
-    """Return the least and largest m.x of any surface of the splats over a voxel, m being a unit vector.
+    """Return the slab across a direction m that encloses all surface of a voxel: the least and the largest m.x in it.
 
-    limits : a, b, d, e of a bound of the distance of surface from splats, from `leaves.limits_of`
+    members : splats over the voxel; positions x are relative to the voxel's least corner
+    m : unit vector
+    limits : the numbers of `leaves.limits_of`, which bound how far surface can be from its splats
     """
     inf = broadcast16(INF)
     cosine, least, most, radii = broadcast16(ONE), inf, broadcast16(ZERO), R * members.room
@@ -142,12 +149,13 @@ def slab_along(members: Members, m: Vec3, limits: Limits) -> tuple[float, float]
 
 @inline
 def _over(members: Members, cell: Array, axes: tuple[int, int, int], words: Array) -> tuple[int, F16, F16, F16]:
-    """Find which of a voxel's 4 x 4 columns each splat's support overlaps.
+    """Find which of a voxel's 4 x 4 columns each splat's support overlaps, and sum the normals of each column's splats.
 
-    members : splats over the voxel; cell : its box; axes : u, v, w; columns run along w
-    words : output, one bit for each column, a number for each splat
+    members : splats over the voxel; cell : the voxel's box
+    axes : (u, v, w), columns run along w
+    words : output, for each splat the columns that its support overlaps, as bits
 
-    Returns the union of all words and the sums of the normals over each column (along u, v and w). Lanes are columns: 4
+    Returns the union of all words, and the sums of the normals' components along u, v and w. Lanes are columns: 4
     along v in each of 4 quarters along u.
     """
     u, v, w = axes
@@ -175,11 +183,13 @@ def _over(members: Members, cell: Array, axes: tuple[int, int, int], words: Arra
 def _slabs(
     members: Members, axes: tuple[int, int, int], words: Array, m: tuple[F16, F16, F16], limits: Limits
 ) -> tuple[F16, F16]:
-    """Return the least and largest m.x of any surface of the splats over each of a voxel's 4 x 4 columns.
+    """Return for each of a voxel's 4 x 4 columns (lanes) the least and the largest m.x of any surface in it.
 
-    axes : u, v, w; words : for each splat the columns that its support overlaps, as bits
-    m : one unit vector for each column, along these axes
-    limits : a, b, d, e of a bound of the distance of surface from splats, from `leaves.limits_of`
+    members : splats over the voxel; positions x are relative to the voxel's least corner
+    axes : (u, v, w), columns run along w
+    words : for each splat the columns that its support overlaps, as bits
+    m : components along u, v, w of a unit vector for each column
+    limits : the numbers of `leaves.limits_of`, which bound how far surface can be from its splats
     """
     u, v, w = axes
     rows, room, inf = members.rows, members.room, broadcast16(INF)
@@ -204,10 +214,13 @@ def _slabs(
 def fill_patches(
     members: Members, cell: Array, mean: float, slab: tuple[Vec3, float, Limits], words: Array, out: Array
 ) -> None:
-    """Compute the slabs of a leaf's 4 x 4 columns, or none if they are not much thinner than the leaf's slab.
+    """Compute the slabs of a leaf's 4 x 4 columns; infinite ones, if they are not much thinner than the leaf's slab.
 
-    members : splats over the voxel; cell : its box; mean : mean radius of the splats
-    slab : the normal of the leaf's slab; its thickness; bound of the distance of surface from splats
+    members : splats over the voxel; mean : their mean radius
+    cell : the voxel's box
+    slab : (normal, thickness, limits), where
+        `normal` and `thickness` are those of the leaf's slab
+        `limits` are the numbers of `leaves.limits_of`, which bound how far surface can be from its splats
     words : work space, one number per splat
     out : (64,) float32, B, C, low and high of 16 slabs low <= w + B u + C v <= high
     """

@@ -35,7 +35,10 @@ def _bin_of(x: float, low: float, width: float) -> int:
 
 @inline
 def _costs(bins: tuple[Array, Array], out: Array) -> None:
-    """Add to out[k] the cost, area times number, of bins 0 to k together. bins : counts (16,), boxes (16, 6)"""
+    """Add to out[k] the cost of a node with the boxes of bins 0 to k: half the area of their bounds times their number.
+
+    bins : counts (16,) and bounds (16, 6) of the boxes in each bin
+    """
     counts, boxes = bins
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     number = 0
@@ -48,9 +51,10 @@ def _costs(bins: tuple[Array, Array], out: Array) -> None:
 
 @inline
 def _fill(boxes: Array, rows: Array, axis: int, span: tuple[float, float]) -> tuple[Array, Array]:
-    """Return the counts (16,) and boxes (16, 6) of the bins along an axis.
+    """Sort boxes into 16 bins by their centres on an axis; return each bin's number of boxes (16,) and bounds (16, 6).
 
-    boxes : (n, 6) lo x y z, hi x y z; rows : boxes to put into bins; span : least centre, and extent of all centres
+    boxes : (n, 6) lo x y z, hi x y z; rows : rows of the boxes to sort
+    span : (low, width), the least centre, and the distance from there to the greatest
     """
     counts, held = np.zeros(BINS, np.int64), np.empty((BINS, 6))
     held[:, :3], held[:, 3:] = np.inf, -np.inf
@@ -66,8 +70,8 @@ def _fill(boxes: Array, rows: Array, axis: int, span: tuple[float, float]) -> tu
 def _split(boxes: Array, rows: Array, depth: int) -> int:
     """Split a node by the surface area heuristic: reorder its rows and return how many go to the first half.
 
-    boxes : (n, 6); rows : those of the node, at least two; neither half becomes empty
-    depth : level of the node; very deep ones are halved by number
+    boxes : (n, 6); rows : rows of the node's boxes, at least two; neither half becomes empty
+    depth : level of the node; very deep ones are split into halves of equal number
     """
     best, where, along, base, size = np.inf, -1, 0, 0.0, 0.0
     widest = -1.0
@@ -109,7 +113,7 @@ def _split(boxes: Array, rows: Array, depth: int) -> int:
 
 @inline
 def _enclose(boxes: Array, rows: Array, out: Array) -> None:
-    """Compute the box around some boxes. boxes : (n, 6); rows : of these boxes; out : (6,)"""
+    """Compute the box around some boxes and write it to `out`, (6,). boxes : (n, 6); rows : rows of these boxes"""
     for c in range(3):
         out[c], out[3 + c] = f32(np.inf), f32(-np.inf)
     for i in rows:
@@ -120,10 +124,12 @@ def _enclose(boxes: Array, rows: Array, out: Array) -> None:
 
 @kernel
 def _build(boxes: Array, numbers: Array, out: tuple[Array, Array]) -> None:
-    """Build the nodes of a binary BVH over the boxes of instances.
+    """Build the nodes of a binary BVH over boxes of instances, or of lights; write them to `out`.
 
-    boxes : (n, 6) float64, n > 1; numbers : (n,) instance of each
-    out : of n - 1 nodes the boxes of both children, and the children: a node, or ~instance
+    boxes : (n, 6) float64, n > 1; numbers : (n,) index of each box's instance or light
+    out : (boxes, children), where
+        `boxes` has 12 numbers for each of the n - 1 nodes, the boxes of its two children
+        `children` has 2 numbers for each node, a child >= 0 is a node, a child < 0 is instance ~child
     """
     out_boxes, out_children = out
     rows = np.arange(len(boxes))
@@ -154,7 +160,7 @@ def boxes_around(to_models: Doubles, bounds: Doubles) -> Doubles:
     to_models : (n, 3, 4) float64
         Transforms from the world to each instance's model.
     bounds : (n, 2, 3) float64
-        Bounds in the model's space, low and high corner.
+        Bounds of each instance's model in its own space, low and high corner.
     """
     back = np.linalg.inv(to_models[:, :, :3])
     middle, half = 0.5 * (bounds[:, 0] + bounds[:, 1]), 0.5 * (bounds[:, 1] - bounds[:, 0])
@@ -176,11 +182,11 @@ def build_top(boxes: Doubles, numbers: NDArray[np.integer[Any]]) -> tuple[NDArra
     Returns
     -------
     top : (9,) float64
-        Centre that the boxes are relative to, and bounds of all boxes.
+        Centre of all boxes, and the box around all of them relative to this centre.
     top_boxes : (nodes * 12,) float32
-        Boxes of both children of each node; no nodes for up to three boxes.
+        Boxes of both children of each node, relative to the centre; no nodes for up to three boxes.
     top_children : (nodes * 2,) int32
-        A child >= 0 is a node, a child < 0 is instance ~child.
+        A child >= 0 is a node, a child < 0 is instance (or light) ~child.
     """
     top = np.zeros(TOP_SIZE)
     nodes = max(len(boxes) - 1, 0) if len(boxes) > FEW else 0

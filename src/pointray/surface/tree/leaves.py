@@ -64,15 +64,16 @@ Slab: TypeAlias = tuple[float, float, float, float, float]  # unit normal m, lea
 
 
 def limits_of(surface: str, trim: float) -> Limits:
-    """Return four numbers a, b, d, e that limit the distance of a surface from its splats, for the proof of slabs.
+    """Return four numbers a, b, d, e that bound how far surface can be from its splats, from which slabs are computed.
 
     The distance is along a direction m. Divided by the radius and by the largest sine between m and the normals, and
     squared, it is at most max(a + b / c^2, d + e / c^2), where c is the least cosine between m and the normals.
 
+    surface : kind of surface
     trim : largest distance of a hit from the mean centre of its splats, in their mean radii
 
-    With a looser proof for `apss`, whose maximum was 4, rays at 1 million points took 1.08 (far view), 1.10 (near),
-    1.21 (shadows), 1.15 (bounces) times as long, and equally long at 32,000 points.
+    With a looser bound for `apss`, rays at 1 million points took 1.08 (far view), 1.10 (near), 1.21 (shadows), 1.15
+    (bounces) times as long, and equally long at 32,000 points.
     """
     far = min(1.0, trim) ** 2
     if surface == "apss":
@@ -90,9 +91,10 @@ def longest_step(samples: int) -> float:
 
 @inline
 def _members(blocks: Array, refs: Array, span: Array, cell: Array, rows: Array) -> Members:
-    """Gather the splats whose support overlaps a voxel, relative to its least corner.
+    """Gather the splats whose support overlaps a voxel, with positions relative to the voxel's least corner.
 
-    refs : numbers of the blocks that voxels list; span : the voxel's range in them; cell : its box
+    blocks : (blocks * 28,), the splats; refs : numbers of the blocks that voxels list
+    span : the voxel's range in refs; cell : the voxel's box
     rows : memory for `Members.rows`
     """
     room, count = len(rows) // PARTS, 0
@@ -119,9 +121,10 @@ def _members(blocks: Array, refs: Array, span: Array, cell: Array, rows: Array) 
 
 @inline
 def _slab(members: Members, limits: Limits) -> Slab:
-    """Return the mean normal m of the splats over a voxel and the least and largest m.x of any surface in it.
+    """Return the slab of a voxel: the mean normal m of its splats, and the least and largest m.x of any surface in it.
 
-    limits : a, b, d, e of a bound of the distance of surface from splats, from `limits_of`
+    members : splats over the voxel; positions x are relative to the voxel's least corner
+    limits : the numbers of `limits_of`, which bound how far surface can be from its splats
     """
     mx, my, mz = sum_of_row(members, N), sum_of_row(members, N + 1), sum_of_row(members, N + 2)
     length = math.sqrt(mx * mx + my * my + mz * mz)
@@ -134,9 +137,10 @@ def _slab(members: Members, limits: Limits) -> Slab:
 
 @inline
 def _farthest(m: float, r: F16, low: F16, high: F16) -> F16:
-    """Return the largest coordinate of 16 balls clipped to a slab, along an axis, relative to the balls' centres.
+    """Return how far 16 balls, each clipped to a slab, extend in the direction of an axis from their centres.
 
-    m : cosine of the axis with the slab's normal; r : radii; low, high : the slab, relative to the balls' centres
+    m : cosine of the angle between the axis and the slab's normal; r : radii
+    low, high : the slab's two planes along its normal, relative to each ball's centre
     """
     height = vmin(vmax(r * m, low), high)
     across = f32(math.sqrt(max(0.0, 1.0 - m * m)))
@@ -145,9 +149,9 @@ def _farthest(m: float, r: F16, low: F16, high: F16) -> F16:
 
 @inline
 def _tight_box(members: Members, slab: Slab, mean: float, cell: Array, box: Array) -> None:
-    """Shrink `box` to the supports of the splats over a voxel, clipped to the slab.
+    """Shrink `box`, in place, to a box around the supports of a voxel's splats, each clipped to the voxel's slab.
 
-    members : the splats; mean : their mean radius; cell : the voxel
+    members : splats over the voxel; mean : their mean radius; cell : the voxel's box
     """
     m, slight = (slab[0], slab[1], slab[2]), f32(SLIGHT * mean)
     rows, room, inf = members.rows, members.room, broadcast16(INF)
@@ -188,10 +192,10 @@ def _cut_by_slab(slab: Slab, box: Array) -> None:
 
 @inline
 def _is_marked(marks: Array, refs: Array, span: Array) -> bool:
-    """Return whether any splat in a voxel's blocks is marked: as on an open border, or as on one of two close sheets.
+    """Return whether a voxel lists a block with a marked splat: one on an open border, or on one of two close sheets.
 
     marks : (blocks * 4 * 3,), for each splat a direction if it is marked, else zero; or of length 0 if none is
-    refs : numbers of the blocks that voxels list; span : the voxel's range in them
+    refs : numbers of the blocks that voxels list; span : the voxel's range in refs
     """
     if marks.size == 0:
         return False
@@ -212,13 +216,25 @@ def fill_leaves(
     settings: tuple[Limits, int, float, int],
     out: tuple[Array, Array, Array, Array],
 ) -> None:
-    """Compute the slab, the columns' slabs and the tight box of each voxel. An inverted box marks an empty one.
+    """Compute slab, slabs of columns and tight box of each voxel, and write them to `out` as records of leaves.
 
-    cells : kd-tree of the voxels; marks : for each slot the outward direction at an open border, and the normal of a
-        splat with another sheet close by, or zero; each may be of length 0
-    settings : bound of the distance of surface from splats, from `limits_of`; samples per support diameter; a radius:
-        a leaf's sample distance is that for this radius times a power of two; 0 for unlimited slabs and boxes, else 1
-    out : numbers of the leaf nodes (leaves,), records (leaves * 16,), columns' slabs (leaves * 64,), boxes (leaves, 6)
+    A voxel without surface gets an inverted box (lo = inf, hi = -inf).
+
+    cells : kd-tree whose leaves are the voxels
+    blocks : (blocks * 28,), the splats
+    marks : (borders, facing), int8, each (blocks * 4 * 3,), or of length 0 if no splat has one, where
+        `borders` is the outward direction of each splat on an open border, else zero
+        `facing` is the normal of each splat with another sheet close by, else zero
+    settings : (limits, samples, reference, cut), where
+        `limits` are the numbers of `limits_of`, which bound how far surface can be from its splats
+        `samples` is the number of samples per support diameter
+        `reference` is a support radius; the sample distance of each leaf is that for this radius times a power of two
+        `cut` is 1; 0, for tests, leaves slabs infinite and boxes as large as their voxels
+    out : (nodes, records, patches, tight), where
+        `nodes`, (leaves,), is given and holds the numbers of the leaf nodes in `cells`
+        `records`, (leaves * 16,), receives voxel, slab and sample distance of each leaf
+        `patches`, (leaves * 64,), receives the slabs of its columns
+        `tight`, (leaves, 6), receives its tight box
     """
     boxes, spans, refs = cells.boxes, cells.spans, cells.refs
     limits, samples, reference, cut = settings
@@ -276,12 +292,14 @@ def fill_leaves(
 
 @kernel
 def fill_groups(work: Array, cells: Cells, nodes: Array, bounds: Array, out: tuple[Array, Array, Array]) -> None:
-    """Copy each leaf's list of blocks into groups of 16, with the blocks' bounding spheres.
+    """Copy each leaf's list of blocks into groups of 16, with the blocks' bounding spheres; write both to `out`.
 
     cells : kd-tree of the voxels; nodes : numbers of its leaf nodes
-    bounds : (blocks * 4,), centre and radius of spheres
-    out : first group and number of groups of each leaf, which are given; bounding spheres (groups * 64,) and blocks
-        (groups * 16,), which are written
+    bounds : (blocks * 4,), centre and radius of each block's bounding sphere
+    out : (spans, spheres, refs), where
+        `spans`, (leaves * 2,), is given and holds first group and number of groups of each leaf
+        `spheres`, (groups * 64,), receives 4 rows (centre x y z, radius) of 16 bounding spheres for each group
+        `refs`, (groups * 16,), receives the numbers of the blocks
     """
     spans, spheres, refs = out
     tile = next_tile(work)

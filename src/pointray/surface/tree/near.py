@@ -47,7 +47,7 @@ def distances(cell: Box, x: F16, y: F16, z: F16) -> F16:
 
 @inline
 def four_from(refs: Array, s: int, end: int) -> tuple[tuple[int, int, int, int], Bits]:
-    """Return the block numbers refs[s : s + 4] and a bit mask of their 16 splats.
+    """Return the block numbers refs[s : s + 4], and 16 bits that are set for the splats of these blocks.
 
     Numbers from `end` on repeat the last one; the bits of their splats are not set.
     """
@@ -73,7 +73,8 @@ def room_for(blocks: int) -> int:
 def copy_near(blocks: Array, numbers: Array, near: Array) -> None:
     """Copy positions and squared radii of blocks to consecutive memory, where a search reads them fast.
 
-    numbers : of the blocks; near : output, 16 numbers for each block: 4 each of x, y, z and r^2
+    blocks : all blocks, 28 numbers each; numbers : numbers of the blocks to copy
+    near : output, 16 numbers for each copied block: 4 each of x, y, z and r^2
     """
     for k in range(len(numbers)):
         offset = i64(numbers[k]) * BLOCK
@@ -87,14 +88,15 @@ def copy_near(blocks: Array, numbers: Array, near: Array) -> None:
 def gather(
     near: Array, sources: Span, cell: Array, around: float, refs: Array, start: int
 ) -> tuple[int, float, float, float, Box]:
-    """List the blocks with a splat whose support overlaps a box that is grown by a margin.
+    """List in refs, from `start` on, the blocks with a splat whose support overlaps a box that is grown by a margin.
 
     near : positions and squared radii of blocks, 4 each of x, y, z and r^2
-    sources : range in refs of the blocks to test, as indices in `near`; refs : also the output, from `start` on
+    sources : range in refs of the blocks to test
     cell : the box; around : the margin
+    refs : indices of blocks in `near`
 
-    Returns the end in refs; the mean, the least and the largest radius of these splats; the bounding box of their
-    supports, inverted if no splat overlaps. The splat of an empty slot is too far from every box.
+    Returns five values: the end of the list in refs; the mean, the least and the largest radius of the splats that
+    overlap; the bounding box of their supports, inverted if no splat overlaps.
     """
     grown = (cell[0] - around, cell[1] - around, cell[2] - around, cell[3] + around, cell[4] + around, cell[5] + around)
     zero, inf = broadcast16(ZERO), broadcast16(INF)

@@ -25,7 +25,7 @@ def surface_of(tree: Tree) -> Tree:
 def splats_of(tree: Tree, radii: Floats) -> Splats:
     """Return the splats that a tree was built from, in the order in which the tree stores them.
 
-    radii : (n,), support radii of all the caller's rows, as those in the tree are rounded
+    radii : (n,), support radii of all the caller's rows; these are returned, because those in the tree are rounded
     """
     rows, positions, normals, noise = stored_splats(tree, by_row=False)
     there = tree.order >= 0

@@ -31,9 +31,10 @@ Boxes = Doubles
 
 @kernel
 def _bound(work: Array, blocks: Array, pad: float, boxes: Array) -> None:
-    """Compute the boxes of leaves of eight spheres, (n, 6) float64: lo x y z, hi x y z.
+    """Compute the boxes of leaves, each around eight spheres, and write them to `boxes`, (n, 6): lo x y z, hi x y z.
 
-    blocks : two for each leaf; pad : margin against rounding
+    blocks : (2 n * 28,), two blocks of splats for each leaf
+    pad : length by which each sphere is enlarged, against rounding
     """
     tile = next_tile(work)
     while tile >= 0:
@@ -67,11 +68,11 @@ def _grow(bins: Array, k: int, boxes: Array, b: int) -> None:
 
 @inline
 def _bin_of(boxes: Array, b: int, axis: int, low: float, scale: float) -> int:
-    """Return the bin, 0 to 15, of box b's centre along an axis.
+    """Return the bin, 0 to 15, of the centre of boxes[b] along an axis.
 
-    The sum of a box's faces, twice its centre, is divided into bins.
+    Twice the centre (the sum of the box's two faces) is divided into bins.
 
-    low, scale : the least sum of all boxes, and the number of bins per unit of the sum
+    low : the least of these sums among all boxes; scale : number of bins per unit of the sum
     """
     return min(max(int((boxes[b, axis] + boxes[b, 3 + axis] - low) * scale), 0), BINS - 1)
 
@@ -80,10 +81,14 @@ def _bin_of(boxes: Array, b: int, axis: int, low: float, scale: float) -> int:
 def _best_cut(boxes: Array, order: Array, span: tuple[int, int], bins: Array, memory: tuple[Array, Array]):  # type: ignore[no-untyped-def]
     """Return the cheapest cut of a node by the surface area heuristic, with 16 bins along each axis.
 
-    boxes : (n, 6); order : indices of boxes; span : the node's range in it; bins, memory : work space
+    boxes : (n, 6); order : indices of boxes; span : the node's range in `order`
+    bins, memory : work space
 
-    Returns the axis, -1 if no cut is possible; the first bin after the cut; and the bins' `low` and `scale`: twice the
-    least centre, and the number of bins per unit of twice a centre.
+    Returns (axis, first, low, scale), where
+        `axis` is -1 if no cut is possible
+        `first` is the first bin of the second half
+        `low` is twice the least centre along the axis
+        `scale` is the number of bins per unit of twice a centre
     """
     counts, costs = memory
     best, found = np.inf, (-1, 0, 0.0, 0.0)
@@ -124,10 +129,11 @@ def _best_cut(boxes: Array, order: Array, span: tuple[int, int], bins: Array, me
 def _cut(
     boxes: Array, order: Array, span: tuple[int, int], bins: Array, memory: tuple[Array, Array], depth: int
 ) -> int:
-    """Partition a node's boxes into two halves; return where the second starts.
+    """Partition a node's boxes into two halves, by reordering `order`; return where in `order` the second half starts.
 
-    boxes : (n, 6); order : indices of boxes, reordered; span : the node's range in it; bins, memory : work space
-    depth : level of the node; very deep ones are halved by number
+    boxes : (n, 6); order : indices of boxes; span : the node's range in `order`
+    bins, memory : work space
+    depth : level of the node; very deep ones are split into halves of equal number
     """
     middle = (span[0] + span[1]) // 2
     if depth > DEEP:
@@ -147,9 +153,11 @@ def _cut(
 
 @kernel
 def _halve(boxes: Array, order: Array, children: Array, leaf_of: Array) -> int:
-    """Build a binary tree over boxes (n, 6); write its nodes to children (2 n - 1, 2) and leaf_of (2 n - 1,).
+    """Build a binary tree over n boxes whose leaves hold one box each; return the number of nodes.
 
-    order : indices of the boxes, reordered. The children of a leaf are -1; leaf_of is its box, -1 for other nodes.
+    boxes : (n, 6); order : indices of the boxes, reordered here
+    children : output, (2 n - 1, 2), the two children of each node, -1 for a leaf
+    leaf_of : output, (2 n - 1,), the index of a leaf's box, -1 for other nodes
     """
     bins, memory = np.empty((BINS + 1, 6)), (np.empty(BINS, np.int64), np.empty(BINS + 1))
     stack = np.empty((len(boxes) + 1, 4), np.int64)  # node, first, end, depth
@@ -174,7 +182,7 @@ def _halve(boxes: Array, order: Array, children: Array, leaf_of: Array) -> int:
 def _nodes(blocks: Floats, first: int, threads: int | None) -> tuple[Floats, NDArray[np.int32]]:
     """Build nodes of eight over blocks of scattered points; return their boxes (nodes * 48,) and children (nodes * 8,).
 
-    first : number of the first block in the tree
+    blocks : (b * 28,), two for each leaf; first : number of the first of these blocks in the whole tree
     """
     count = blocks.size // (tr.LEAF_BLOCKS * tr.BLOCK)
     places = blocks.reshape(-1, 7, PER_BLOCK)[:, :3]
@@ -202,9 +210,9 @@ def _box_around(boxes: Floats) -> Floats:
 def _under_one_root(
     a: tuple[Floats, NDArray[np.int32]], b: tuple[Floats, NDArray[np.int32]]
 ) -> tuple[Floats, NDArray[np.int32]]:
-    """Join the nodes of two trees under a new root.
+    """Join the nodes of two trees under a new root; return boxes and children of the joined tree.
 
-    a, b : boxes (nodes * 48,) and children (nodes * 8,) of each, as is the result
+    a, b : boxes (nodes * 48,) and children (nodes * 8,) of each tree's nodes
     """
     boxes = np.repeat(np.array([np.inf] * 3 + [-np.inf] * 3, np.float32), tr.WIDTH).reshape(6, tr.WIDTH)
     boxes[:, 0], boxes[:, 1] = _box_around(a[0]), _box_around(b[0])
@@ -265,9 +273,9 @@ def scattered_rows(tree: Tree) -> NDArray[np.int32]:
 
 
 def scattered_of(tree: Tree, radii: Floats) -> Splats | None:
-    """Return the scattered points of a tree as splats, in its order, or None if it has none.
+    """Return the scattered points of a tree as splats, in the tree's order, or None if it has none.
 
-    radii : (n,), of all the caller's rows, as those in the tree are rounded
+    radii : (n,), support radii of all the caller's rows; these are returned, because those in the tree are rounded
     """
     first = first_scattered(tree)
     if first * tr.BLOCK == tree.blocks.size:

@@ -17,15 +17,15 @@ LEAF_WIDTH = 8.0  # upper limit of a voxel's longest edge, in mean support radii
 
 
 class TreeSettings(NamedTuple):
-    """Settings of a tree: kind of surface, sampling along rays, limits of hits, width of voxels.
+    """Settings of a tree: kind of surface, samples along rays, how far hits may be from splats, width of voxels.
 
     surface : 'paper', 'imls', 'apss' or 'disc'
     samples : samples per support diameter, the paper's N
     refine : secant steps that refine a hit between two samples
-    trim : largest distance of a hit from the mean centre of its splats, in their mean radii, inf for no limit
-    overhang : largest distance of a hit beyond an open border, in the same unit, inf for no limit
-    leaf_width : a voxel's longest edge in mean radii, or down to half of it where the costs favour it
-    cut : False for unlimited slabs and boxes as large as their voxels; for tests
+    trim : largest distance of a hit from the mean centre of its splats, in their mean radii; inf for any
+    overhang : largest distance of a hit beyond an open border, in mean radii; inf for any
+    leaf_width : maximum of a voxel's longest edge, in mean radii; down to half of it where the costs favour it
+    cut : False for infinite slabs and boxes as large as their voxels; for tests
     """
 
     surface: str
@@ -41,7 +41,8 @@ def check_settings(surface: str, samples: int, refine: int, trim: str | float | 
     """Check the parameters of `Model` with these names, and return them as `TreeSettings`.
 
     surface : kind of surface; samples : per support diameter; refine : secant steps
-    trim : largest distance of a hit from its splats in radii, or None; "auto" also limits hits beyond open borders
+    trim : largest distance of a hit from its splats, in radii; None for any; "auto" also bounds how far hits may lie
+        beyond open borders
     """
     surface = check_choice(surface, "surface", SURFACES)
     samples = check_whole(samples, "samples", 2, LARGEST_SAMPLES)

@@ -50,8 +50,10 @@ def build_cells(blocks: Floats, top: Top, width: float, step: float, threads: in
 def _joined(top: Top, cells: Cells, firsts: Array, used: Array) -> Cells:
     """Join the uppermost nodes and the subtrees of all roots into one tree with consecutive nodes.
 
-    cells : the subtrees, each in its own range of the arrays; used : (roots,) number of nodes of each
-    firsts : (roots + 1, 3) where the nodes, the references and the groups of each root begin
+    top : the uppermost nodes; their leaves, the roots, are boxes that one thread each has cut into voxels
+    cells : the subtrees, each in its own range of the arrays
+    firsts : (roots + 1, 3), where in `cells` each root's nodes, references and groups begin
+    used : (roots,) number of nodes of each subtree
     """
     above = len(top.children)
     starts = above + np.cumsum(used) - used

@@ -41,8 +41,9 @@ class Top(NamedTuple):
     """Uppermost nodes of a kd-tree. Below them are roots: boxes that threads cut into voxels independently.
 
     children : two per node, a node or ~root
-    boxes : (6,) per root, lo x y z, hi x y z; groups : numbers of the groups of 64 blocks that may overlap it
-    around : for each root the margin around it within which splats matter
+    boxes : (6,) per root, lo x y z, hi x y z
+    groups : for each root the numbers of the groups of 64 blocks that may overlap it
+    around : for each root the margin around its box within which supports matter
     """
 
     children: list[list[int]]
@@ -53,10 +54,10 @@ class Top(NamedTuple):
 
 @kernel
 def _bound_groups(work: Array, blocks: Array, bounds: Array, out: Groups) -> None:
-    """Compute the bounds of each group of 64 consecutive blocks.
+    """Compute the bounds of each group of 64 consecutive blocks, and write them to `out`.
 
-    bounds : (blocks * 4,) centre and radius of each block's bounding sphere
-    out : boxes around the supports and around the positions of each group's splats, and their largest radius
+    blocks : (blocks * 28,), the splats
+    bounds : (blocks * 4,), centre and radius of each block's bounding sphere
     """
     blocks, bounds = borrow(blocks), borrow(bounds)
     group = next_tile(work)
@@ -80,10 +81,10 @@ def _bound_groups(work: Array, blocks: Array, bounds: Array, out: Groups) -> Non
 class _Node(NamedTuple):
     """Node at the top of a kd-tree, before it is cut.
 
-    roots : range of the roots below it, boxes that threads cut independently; groups : (m,) groups of splats that may
-        overlap it
-    cell : (6,) its box, not yet shrunk to the supports of these
-    parent, side : node and child index that refer to it; parent -1 for none
+    roots : range of the roots below the node; a root is a box that one thread cuts into voxels
+    groups : (m,) numbers of the groups of blocks that may overlap the node
+    cell : (6,) the node's box, not yet shrunk to the supports of these groups
+    parent : number of the parent node, -1 for none; side : 0 or 1, which of the parent's children this is
     """
 
     roots: range
@@ -94,7 +95,10 @@ class _Node(NamedTuple):
 
 
 def groups_of(blocks: Array, bounds: Array, threads: int | None = None) -> Groups:
-    """Return the bounds of groups of 64 blocks of splats. bounds : (blocks * 4,), centre and radius of each block"""
+    """Return the bounds of each group of 64 consecutive blocks of splats.
+
+    blocks : (blocks * 28,), the splats; bounds : (blocks * 4,), centre and radius of each block's bounding sphere
+    """
     count = -(-len(bounds) // (4 * PER_GROUP))
     groups = Groups(np.empty((count, 6), np.float32), np.empty((count, 6), np.float32), np.empty(count, np.float32))
     run(_bound_groups, count, blocks, bounds, groups, threads=threads)
@@ -118,12 +122,12 @@ def cut_top(groups: Groups, step: float, part: range | None = None, within: Doub
     Parameters
     ----------
     groups : Groups
-        All groups of blocks of a model.
+        All groups of 64 blocks of a model.
     step : float
         Maximum sample distance along rays, in support radii.
     part : range, optional
-        Groups of one part, from a multiple of the parts' size (a power of two): only the roots over this range are
-        returned, with the nodes above them that lie in the range.
+        Numbers of the groups of one part of the model, from a multiple of the parts' size (a power of two). Only the
+        roots of these groups are returned, with the nodes above them that have no other roots.
     within : (6,) float64, optional
         Box to which space is restricted.
     """
@@ -207,9 +211,11 @@ def _one_root(top: Top) -> Top:
 
 
 def _root_boxes(groups: Groups) -> tuple[Doubles, int]:
-    """Return boxes around the positions of each root's splats, (m, 6), and the number of groups of blocks per root.
+    """Return a box around the positions of each root's splats, (m, 6), and the number of groups of blocks per root.
 
-    A root is a box that one thread cuts into voxels. groups : all groups of the model
+    A root is a box that one thread cuts into voxels.
+
+    groups : all groups of 64 blocks of the model
     """
     per_root = groups_per_root(len(groups.longest))
     starts = np.arange(0, len(groups.longest), per_root)
@@ -219,9 +225,9 @@ def _root_boxes(groups: Groups) -> tuple[Doubles, int]:
 
 
 def _plane_between(first: Doubles, second: Doubles) -> tuple[int, float]:
-    """Return an axis and a coordinate that divide two parts of the kd order, where these are farthest apart.
+    """Return the axis and the coordinate of a plane between two ranges of the kd order, where they are farthest apart.
 
-    first, second : boxes around the splats of each part, (m, 6), several for each
+    first, second : boxes around splats, (m, 6), that together enclose each range
     """
     ends, begins = first[:, 3:].max(axis=0), second[:, :3].min(axis=0)
     axis = int(np.argmax(begins - ends))
@@ -229,12 +235,12 @@ def _plane_between(first: Doubles, second: Doubles) -> tuple[int, float]:
 
 
 def top_of_part(groups: Groups, step: float, part: range) -> tuple[Top, NDArray[np.int64]]:
-    """Return the top of a part's kd-tree, and the numbers of all groups that overlap its roots, ascending.
+    """Return the top of a part's kd-tree, and the numbers in the model of all groups that overlap its roots, ascending.
 
-    groups : all groups of the model; step : maximum sample distance, in support radii
-    part : groups of the part, from a multiple of the parts' size (a power of two)
+    Group numbers in the returned top are indices into the second result.
 
-    The groups in the top are indices into the returned numbers.
+    groups : all groups of 64 blocks of the model; step : maximum sample distance, in support radii
+    part : numbers of the part's groups, from a multiple of the parts' size (a power of two)
     """
     top = cut_top(groups, step, part)
     needed = np.unique(np.concatenate(top.groups))

@@ -19,10 +19,12 @@ def _area(box: Array) -> float:
 
 @kernel
 def enclose(children: Array, leaf_of: Array, tight: Array, boxes: Array) -> None:
-    """Compute the boxes of the nodes of a binary tree, bottom-up from the boxes of its leaves.
+    """Compute the boxes of all nodes of a binary tree, bottom-up from the boxes of its leaves; write them to `boxes`.
 
-    children : (nodes, 2), -1 for a leaf; leaf_of : (nodes,) leaf of such a node; tight : (leaves, 6) boxes
-    boxes : (nodes, 6) float64, output: lo x y z, hi x y z
+    children : (nodes, 2), the children of each node, -1 for a leaf
+    leaf_of : (nodes,), number of the leaf at a leaf node
+    tight : (leaves, 6), boxes of the leaves
+    boxes : output, (nodes, 6) float64, lo x y z, hi x y z
     """
     for node in range(len(children) - 1, -1, -1):
         box = boxes[node]
@@ -37,12 +39,14 @@ def enclose(children: Array, leaf_of: Array, tight: Array, boxes: Array) -> None
 
 @kernel
 def collapse(children: Array, leaf_of: Array, boxes: Array, out: tuple[Array, Array]) -> int:
-    """Collapse a binary tree into nodes of eight; the child with the largest surface area is always opened next.
+    """Collapse a binary tree into nodes of eight children; return the number of these wide nodes.
 
-    children : (nodes, 2), -1 for a leaf; leaf_of : (nodes,) leaf of such a node; boxes : (nodes, 6)
-    out : boxes, 48 numbers, and children, 8 numbers, of each wide node
+    A wide node starts with one binary node; the member with the largest surface area is replaced by its two children
+    until there are eight.
 
-    Returns the number of wide nodes.
+    children : (nodes, 2), the children of each binary node, -1 for a leaf
+    leaf_of : (nodes,), number of the leaf at a leaf node; boxes : (nodes, 6), boxes of the binary nodes
+    out : (boxes, children), 48 numbers (the children's boxes) and 8 numbers (the children) for each wide node
     """
     wide_boxes, wide_children = out
     pending = np.empty(len(children) + 1, np.int32)  # the binary node of each wide node
