@@ -31,7 +31,7 @@ NAN = f32(np.nan)
 TINIEST = f32(1e-35)  # smallest squared length used as a divisor
 
 FourPoints: TypeAlias = tuple[F16, F16, F16]  # x, y, z, a quarter of the lanes for each point
-Sheet: TypeAlias = tuple[bool, Vec3]  # whether sheets are close together, and the normal on the visible side
+Sheet: TypeAlias = tuple[bool, Vec3]  # whether sheets are close together, and the hit's normal
 
 
 class Means(NamedTuple):
