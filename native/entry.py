@@ -26,9 +26,7 @@ def add_entry(context: Any, library: Any, description: Any, name: str) -> None:
     builder = ir.IRBuilder(function.append_basic_block("entry"))
     convention = context.call_conv
     callee = ir.Function(
-        module,
-        convention.get_function_type(description.restype, description.argtypes),
-        description.llvm_func_name,
+        module, convention.get_function_type(description.restype, description.argtypes), description.llvm_func_name
     )
     reader = _Reader(context, builder, function.args[0])
     arguments = [reader.read(kind) for kind in description.argtypes]

@@ -83,10 +83,7 @@ def _beside_igl(options: Options) -> list[Row]:
     error = error_of(scene, baked, options)
     what = f"occlusion of the {name}, {len(vertices):,} points: "
     rows = [plain_row(what + "baked", f"{mine / 1e6:.2f} M rays/s, {count} a point, error {error:.2%}")]
-    peers: dict[str, Callable[..., Any]] = {
-        "igl": igl.ambient_occlusion,
-        "igl.embree": igl.embree.ambient_occlusion,
-    }
+    peers: dict[str, Callable[..., Any]] = {"igl": igl.ambient_occlusion, "igl.embree": igl.embree.ambient_occlusion}
     for peer, function in peers.items():
         begun, used = time.perf_counter(), time.process_time()
         seen = 1.0 - function(vertices, faces, vertices, normals, count)

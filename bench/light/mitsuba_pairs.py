@@ -49,12 +49,7 @@ def placed(x: Any, y: Any, z: Any, origin: Any) -> Any:
 def _shining(kind: str, to_world: Any, radiance: float) -> dict[str, Any]:
     """A shape that emits and, like our lights, reflects nothing."""
     black = {"type": "diffuse", "reflectance": rgb(0.0)}
-    return {
-        "type": kind,
-        "to_world": to_world,
-        "bsdf": black,
-        "emitter": {"type": "area", "radiance": rgb(radiance)},
-    }
+    return {"type": kind, "to_world": to_world, "bsdf": black, "emitter": {"type": "area", "radiance": rgb(radiance)}}
 
 
 def _sky_picture(radiance: Callable[[Floats], Floats]) -> LightPair:

@@ -101,10 +101,7 @@ def pictures(
         "path": {"type": "path", "max_depth": BOUNCES + 1, "rr_depth": 10_000, "hide_emitters": True},
         "lit": {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0},
     }
-    settings = {
-        "path": pr.Settings("path", spp, BOUNCES, filter="box"),
-        "lit": pr.Settings("phong"),
-    }
+    settings = {"path": pr.Settings("path", spp, BOUNCES, filter="box"), "lit": pr.Settings("phong")}
     out: dict[str, dict[str, Callable[[], Any]]] = {}
     for name in ours:
         out[name] = {"pointray": _ours(our_scene(model, ours[name]), camera, settings[name])}

@@ -34,10 +34,7 @@ from pointray.model.model import SURFACE
 
 SHAPES = ("sphere", "torus", "lattice", "statue", *MESHES)
 SURFACES = ("paper", "imls", "apss", "disc")
-CHOICE = [
-    Setting("disc"),
-    *(Setting(s, n, r) for s in SURFACES[:3] for n in (2, 3, 4, 6, 8) for r in (0, 1, 2)),
-]
+CHOICE = [Setting("disc"), *(Setting(s, n, r) for s in SURFACES[:3] for n in (2, 3, 4, 6, 8) for r in (0, 1, 2))]
 
 
 @dataclass(frozen=True)

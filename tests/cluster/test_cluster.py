@@ -136,9 +136,7 @@ def test_pieces_of_large_pictures_are_small_enough_to_be_sent() -> None:
 
 
 @pytest.mark.parametrize(
-    ("settings", "count"),
-    [(pr.Settings(spp=2), 12), (pr.Settings("ao", spp=2, denoise=True), 4)],
-    ids=["", "denoise"],
+    ("settings", "count"), [(pr.Settings(spp=2), 12), (pr.Settings("ao", spp=2, denoise=True), 4)], ids=["", "denoise"]
 )
 def test_a_films_pictures_are_the_same_and_come_in_order(client: Any, settings: pr.Settings, count: int) -> None:
     scene, cameras = scene_of(MODEL), [camera_of(48, 32, turn) for turn in np.linspace(0, 6, count)]

@@ -13,12 +13,7 @@ import pytest
 from PIL import Image
 
 SECONDS = 120.0  # for anything to happen: it only bounds a hang
-FLAGS = (
-    "--no-sandbox",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--disable-background-networking",
-)
+FLAGS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-background-networking")
 
 # Whether the last picture is finished: it has this many samples, and the page's camera.
 FINISHED = """([samples, number]) => {

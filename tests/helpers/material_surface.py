@@ -7,13 +7,7 @@ import numpy as np
 import pointray as pr
 from pointray.engine.jit import kernel
 from pointray.engine.kernels.records import ShadingPoint
-from pointray.shade.bsdf import (
-    base_color,
-    emitted,
-    eval_bsdf,
-    is_specular,
-    sample_bsdf,
-)
+from pointray.shade.bsdf import base_color, emitted, eval_bsdf, is_specular, sample_bsdf
 from pointray.shade.materials.specular import glass
 from pointray.surface.trace.hits import material_at
 

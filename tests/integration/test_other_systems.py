@@ -122,10 +122,7 @@ def replayed(system: str, command: list[str], made: Path, folder: Path, recordin
     return name
 
 
-EMULATORS = {
-    "linux-aarch64": ["qemu-aarch64", "-L", "/usr/aarch64-linux-gnu"],
-    "windows-x86_64": ["wine"],
-}
+EMULATORS = {"linux-aarch64": ["qemu-aarch64", "-L", "/usr/aarch64-linux-gnu"], "windows-x86_64": ["wine"]}
 
 
 @pytest.mark.parametrize("system", EMULATORS)

@@ -364,12 +364,7 @@ WRONG = {
     "background": ("background = [0.1, 0.2, 0.3]", 'background = "blue"', "background", "must be a number or three"),
     "list": ("[[planes]]", "[planes]", "planes", "must be a list of tables"),
     "clip": ("normal = [-1, 0, 0]", "normal = [0, 0, 0]", "clips[1].normal", "must not be zero"),
-    "short clip": (
-        "point = [-9, 0, 0]",
-        "point = [-9, 0]",
-        "clips[1].point",
-        "must be three finite numbers, not [-9",
-    ),
+    "short clip": ("point = [-9, 0, 0]", "point = [-9, 0]", "clips[1].point", "must be three finite numbers, not [-9"),
     "no normal": ("normal = [-1, 0, 0]", "", "clips[1]", "normal is missing"),
     "word of a clip": (
         "normal = [-1, 0, 0]",

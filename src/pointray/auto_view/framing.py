@@ -95,14 +95,7 @@ def magnified(camera: Camera, times: float) -> Camera:
     return replace(camera, fov=float(np.degrees(2.0 * np.arctan(np.tan(np.radians(camera.fov) / 2.0) / times))))
 
 
-def _frame(
-    sample: Sample,
-    direction: ArrayLike,
-    up: ArrayLike,
-    lens: Lens,
-    stray: float,
-    free: Part = WHOLE,
-) -> Camera:
+def _frame(sample: Sample, direction: ArrayLike, up: ArrayLike, lens: Lens, stray: float, free: Part = WHOLE) -> Camera:
     fov, (width, height), projection = lens
     Camera.look_at((0, 0, 0), (1, 0, 0), up, fov, (width, height), projection)  # checks the arguments
     forward, right, top = view_axes(-np.asarray(check_direction(direction, "direction")), np.asarray(up, np.float64))

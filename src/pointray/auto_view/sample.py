@@ -92,9 +92,7 @@ class Sample(NamedTuple):
             return self
         zeros = np.count_nonzero((self.positions[rows[distant]] + self.origin == 0).all(axis=1))
         ignored = Ignored(
-            int(np.count_nonzero(distant)) - int(zeros),
-            int(zeros) and _count_zeros(self),
-            len(self.positions),
+            int(np.count_nonzero(distant)) - int(zeros), int(zeros) and _count_zeros(self), len(self.positions)
         )
         rows = rows[framed]
         return self._replace(positions=self.positions[rows], normals=self.normals[rows], ignored=ignored)

@@ -207,13 +207,7 @@ def make_spread(trees: Sequence[Tree], patches: PatchSet, level: int) -> Spread:
     return Spread(blocks, knot_of, len(rows))
 
 
-def _spread_over(
-    x: Floats,
-    n: Floats,
-    finder: NeighborTree,
-    positions: Floats,
-    normals: Floats,
-) -> Ints:
+def _spread_over(x: Floats, n: Floats, finder: NeighborTree, positions: Floats, normals: Floats) -> Ints:
     """Return for each block of splats the four knots from which light is interpolated, and the splats' weights.
 
     Knots are the patches at which coarser light is stored.

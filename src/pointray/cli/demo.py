@@ -75,12 +75,7 @@ class Clock:
 
 
 def run_demo(
-    path: Path,
-    count: int,
-    size: tuple[int, int],
-    frames: int,
-    threads: int | None,
-    show: Callable[[str, float], None],
+    path: Path, count: int, size: tuple[int, int], frames: int, threads: int | None, show: Callable[[str, float], None]
 ) -> dict[str, Any]:
     """Generate a statue, build its model, write an image of it, and measure the time of each.
 

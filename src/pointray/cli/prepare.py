@@ -11,14 +11,7 @@ from typing import Any
 from ..base.choices import AUTO
 from ..io.selection import Selection
 from ..model.preparation import plan_preparation, prepare_by_parts, prepare_in_memory, write_result
-from ..model.preparation_options import (
-    SEPARATORS,
-    Cleaning,
-    NormalsChoice,
-    PreparationOptions,
-    ReadOptions,
-    Storage,
-)
+from ..model.preparation_options import SEPARATORS, Cleaning, NormalsChoice, PreparationOptions, ReadOptions, Storage
 from .cluster import working_on
 from .options import bytes_of, numbers, smooth_of
 from .read_options import Reading

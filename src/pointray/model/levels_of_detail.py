@@ -66,10 +66,7 @@ def _count(surface: Points | None, scattered: ScatteredPoints | None) -> int:
 
 
 def _make_level(
-    placed: Placed | None,
-    within: tuple[float, Floats],
-    scattered: ScatteredPoints | None,
-    drawing: Drawing,
+    placed: Placed | None, within: tuple[float, Floats], scattered: ScatteredPoints | None, drawing: Drawing
 ) -> ModelData:
     """Build a level of detail, with support radii and a tree, from averages of the points of the finer level.
 

@@ -42,11 +42,7 @@ class Fetch(Protocol):
 
 
 def at_distance(
-    scene: Snapshot,
-    camera: Camera,
-    spp: int | None,
-    fetch: Fetch | None = None,
-    held: NDArray[np.int64] | None = None,
+    scene: Snapshot, camera: Camera, spp: int | None, fetch: Fetch | None = None, held: NDArray[np.int64] | None = None
 ) -> tuple[World, NDArray[np.int64]]:
     """Return a scene's world with a level of detail chosen for each instance, and the chosen levels.
 

@@ -14,13 +14,7 @@ from ..base.progress import StageProgress, in_stage
 from ..scene.scene import Scene
 from ..scene.world import Snapshot
 from .camera import Camera
-from .picture import (
-    Progress,
-    check_picture,
-    check_scene,
-    picture_bytes,
-    render_snapshot,
-)
+from .picture import Progress, check_picture, check_scene, picture_bytes, render_snapshot
 from .pieces import in_order
 from .ray_forwarding.spread import check_spread
 from .settings import Settings

@@ -156,10 +156,7 @@ class Paints:
         return [row_of[paint] for paint in wanted], tables
 
     def place(
-        self,
-        paints: Doubles,
-        paint_sources: Sequence[tuple[Attribute, Model | None]],
-        painted: list[Painted],
+        self, paints: Doubles, paint_sources: Sequence[tuple[Attribute, Model | None]], painted: list[Painted]
     ) -> tuple[Doubles, Floats]:
         """Return the records of paints, and the map positions of the splats of some models, which are opened.
 

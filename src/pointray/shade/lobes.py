@@ -95,8 +95,4 @@ def reflect_baked(scratch: Scratch, i: int, lobe: Lobe, normal: Vec3, r: Vec3) -
     red = dot(as_vector(load3(scratch.shading_points, ARRIVING_COLORS + i)), along)
     blue = dot(as_vector(load3(scratch.shading_points, ARRIVING_COLORS + 3 * TILE + i)), along)
     green = -(LUMINANCE[0] * red + LUMINANCE[2] * blue) / LUMINANCE[1]
-    return (
-        max(light[0] * share + red, 0.0),
-        max(light[1] * share + green, 0.0),
-        max(light[2] * share + blue, 0.0),
-    )
+    return (max(light[0] * share + red, 0.0), max(light[1] * share + green, 0.0), max(light[2] * share + blue, 0.0))

@@ -59,12 +59,7 @@ def folders(view: ViewSettings, shared: SharedScene, output: Output, scene: Scen
 
 
 def _view(view: ViewSettings, has_levels: bool) -> Folder:
-    around = [
-        ("gradient", "gradient"),
-        ("color", "single colour"),
-        ("sky", "sky light"),
-        ("scene", "from the scene"),
-    ]
+    around = [("gradient", "gradient"), ("color", "single colour"), ("sky", "sky light"), ("scene", "from the scene")]
     depth = (
         [_range(view, "max_depth", "Bounces", 0, max(32, view.max_depth), 1)]
         if view.integrator in ("phong", "path")
@@ -171,10 +166,7 @@ def _lamp(at: str, number: int, lamp: LightControl) -> list[Control]:
 
 
 def _material(view: ViewSettings, scene: Scene) -> Folder:
-    kinds = [
-        (OWN, "from the scene"),
-        *((name, name) for name in MATERIALS),
-    ]
+    kinds = [(OWN, "from the scene"), *((name, name) for name in MATERIALS)]
     rows = [_choice(view, "material", "Material", kinds)]
     if view.material not in ("mirror", "glass"):
         own = [(OWN, "from the points"), (CONSTANT, "single colour")]

@@ -92,12 +92,7 @@ class Sketch:
         return max(DOT_RADIUS * self._spacing * float(_pixels(camera, np.array(max(depth, 1e-300)))), 0.5)
 
     def _nearest(
-        self,
-        column: NDArray[np.int64],
-        row: NDArray[np.int64],
-        depth: Doubles,
-        radius: float,
-        shape: tuple[int, int],
+        self, column: NDArray[np.int64], row: NDArray[np.int64], depth: Doubles, radius: float, shape: tuple[int, int]
     ) -> NDArray[np.int64]:
         """Return for each pixel the index of the dot nearest to the eye, or -1: an array of the given shape.
 

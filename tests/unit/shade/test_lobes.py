@@ -12,14 +12,7 @@ from pointray.baking.surfaces import _shares
 from pointray.engine.jit import kernel
 from pointray.engine.kernels.records import MOMENTS, PHONG, PRINCIPLED
 from pointray.engine.kernels.scratch import ARRIVING_COLORS, ARRIVING_MOMENTS, COUNT_NEAR, TILE, new_scratch
-from pointray.shade.baked_code import (
-    COLOR_LEVELS,
-    LEVELS,
-    LINEAR,
-    REACH_1,
-    REACH_2,
-    REACH_COLOR,
-)
+from pointray.shade.baked_code import COLOR_LEVELS, LEVELS, LINEAR, REACH_1, REACH_2, REACH_COLOR
 from pointray.shade.baked_sums import SUM_WEIGHTS, list_record, store_moments, sum_moments
 from pointray.shade.lobe_tables import facet_lobes, phong_lobes
 from pointray.shade.lobes import WIDE, WIDE_FACETS

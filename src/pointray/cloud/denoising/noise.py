@@ -106,13 +106,7 @@ def raise_to_typical(ranges: NoiseRanges) -> NoiseRanges:
     return ranges._replace(noise=np.maximum(ranges.noise, typical * ranges.spacing))
 
 
-def _residuals(
-    ordered: Floats,
-    rows: Rows,
-    near: NDArray[np.int32],
-    ranges: list[slice],
-    spacing: Doubles,
-) -> Doubles:
+def _residuals(ordered: Floats, rows: Rows, near: NDArray[np.int32], ranges: list[slice], spacing: Doubles) -> Doubles:
     """Estimate the squared noise of each range, (r,), from residuals of quadrics through 16, 32 and 64 neighbours.
 
     ordered : (n, 3) positions in kd order

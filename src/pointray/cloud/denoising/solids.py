@@ -138,10 +138,7 @@ def _replace(k: int, at: int, cut: float, memory: Neighbors) -> float:
     for j in range(0, k, max(k // SAMPLES, 1)):
         x, y = broadcast_from(memory.places, j), broadcast_from(memory.places, width + j)
         place = x, y, broadcast_from(memory.places, 2 * width + j)
-        p, q = (
-            vmax(height(chosen, one, place), height(chosen, two, place)),
-            load16(memory.heights, LANES * samples),
-        )
+        p, q = (vmax(height(chosen, one, place), height(chosen, two, place)), load16(memory.heights, LANES * samples))
         above, below = vmax(p, q), vmax(p, ZERO - q)
         up, down, samples = up + vmin(above * above, most), down + vmin(below * below, most), samples + 1
     best = select(allowed, vmin(up, down), broadcast16(INF))

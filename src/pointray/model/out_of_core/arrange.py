@@ -70,12 +70,7 @@ class Arrangement:
         columns.sync()
 
     def _scatter(
-        self,
-        chunk: dict[str, NDArray[Any]],
-        row: int,
-        cuts: Cuts,
-        made: dict[str, Column],
-        free: Rows,
+        self, chunk: dict[str, NDArray[Any]], row: int, cuts: Cuts, made: dict[str, Column], free: Rows
     ) -> None:
         """Append consecutive rows of the old columns to the parts that they belong to, in the new columns.
 

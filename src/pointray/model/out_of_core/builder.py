@@ -35,17 +35,7 @@ from .level_steps import ModelInfo
 from .second_layers import find_layers
 from .separate_scattered import DIRECTIONS, LOOSE, ROW, SEPARATED, SPHERES, SURFACE, Shaping, number_rows, separate
 from .stages import Cloud
-from .tasks import (
-    BORDERS,
-    RADII,
-    SHEETS,
-    Measure,
-    Supporting,
-    find_supports,
-    find_surface,
-    measure_noise,
-    move_layers,
-)
+from .tasks import BORDERS, RADII, SHEETS, Measure, Supporting, find_supports, find_surface, measure_noise, move_layers
 from .thin_sheets import orient_sheets_of_parts
 from .trees import least_size
 from .work import Work

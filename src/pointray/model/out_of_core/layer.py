@@ -171,13 +171,7 @@ class Layer:
             first = int(_tiles(self.capacity[:part]).sum())
             self._opened(self._name(BOXES)).write(first, boxes_of(positions))
 
-    def near(
-        self,
-        part: int | None,
-        boxes: Floats,
-        wide: Floats | None,
-        keep: Callable[[slice], Flags],
-    ) -> Rows:
+    def near(self, part: int | None, boxes: Floats, wide: Floats | None, keep: Callable[[slice], Flags]) -> Rows:
         """Return the rows, ascending, of the splats that `keep` selects, testing only those near some boxes.
 
         A tile is here a range of 4,096 consecutive splats of a part, whose bounding box is known. Splats of tiles that

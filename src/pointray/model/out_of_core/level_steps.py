@@ -199,12 +199,7 @@ def _supports(layer: Layer, rows: Rows, cell: float, known: dict[str, float], sa
 
 
 def tree_part(
-    layer: Layer,
-    cells: Doubles,
-    whole: SharedValues,
-    named: ModelInfo,
-    written: list[LevelProgress | None],
-    part: int,
+    layer: Layer, cells: Doubles, whole: SharedValues, named: ModelInfo, written: list[LevelProgress | None], part: int
 ) -> Facts:
     """Build the tree of a part's level of detail and write the level's file.
 

@@ -77,12 +77,7 @@ def meet_sphere(chord: tuple[Real, Real], start: tuple[Real, Real], square: Real
 
 
 @inline
-def meet_disc(
-    to: Three,
-    d: Three,
-    begin: Real,
-    disc: tuple[Real, Real, Real, Real],
-) -> Real:
+def meet_disc(to: Three, d: Three, begin: Real, disc: tuple[Real, Real, Real, Real]) -> Real:
     """Return t where a ray hits a flat disc, inf for a miss. A ray that starts on the disc does not hit it.
 
     to : vector from the ray's origin to the disc's centre; d : unit direction

@@ -122,12 +122,7 @@ def _find_gaps(work: Array, positions: Array, normals: Array, rows: Array, near:
     keep_alive(memory)
 
 
-def find_gaps(
-    positions: Floats,
-    normals: Floats,
-    rows: NDArray[np.int64],
-    near: NDArray[np.integer[Any]],
-) -> Floats:
+def find_gaps(positions: Floats, normals: Floats, rows: NDArray[np.int64], near: NDArray[np.integer[Any]]) -> Floats:
     """Find the outward direction of points on a possible open border.
 
     It is the middle of the widest angle in the tangent plane without a neighbour, if this angle is over 115 degrees.

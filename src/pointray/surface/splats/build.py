@@ -58,11 +58,7 @@ class SplatBuild(NamedTuple):
 
 
 def make_splats(
-    placed: Placed,
-    rows: NDArray[np.int32],
-    sizes: Sizes,
-    settings: TreeSettings,
-    progress: Progress | None = None,
+    placed: Placed, rows: NDArray[np.int32], sizes: Sizes, settings: TreeSettings, progress: Progress | None = None
 ) -> SplatBuild:
     """Make splats of points: sort them in kd order and find their supports.
 

@@ -99,12 +99,7 @@ def _survey(
 
 
 def trim_fringe(
-    positions: Floats,
-    normals: Floats,
-    tree: NeighborTree,
-    found: Chosen,
-    noisy: Flags,
-    statistics: CloudStatistics,
+    positions: Floats, normals: Floats, tree: NeighborTree, found: Chosen, noisy: Flags, statistics: CloudStatistics
 ) -> None:
     """Shrink discs that protrude from the outline of a noisy cloud and mark their points as borders, in place.
 

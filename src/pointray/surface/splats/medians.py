@@ -119,13 +119,7 @@ def _medians_of(
         tile = next_tile(work)
 
 
-def medians_around(
-    values: Floats,
-    normals: Floats,
-    near: NDArray[np.int32],
-    odd: Neighborhood,
-    own: bool,
-) -> Floats:
+def medians_around(values: Floats, normals: Floats, near: NDArray[np.int32], odd: Neighborhood, own: bool) -> Floats:
     """Compute the median of a value over the 8 nearest points on each point's own sheet, (n,).
 
     Parameters

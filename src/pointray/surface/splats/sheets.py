@@ -56,11 +56,7 @@ def _widen(work: Array, found: Array, near: Array, out: Array) -> None:
 
 
 def find_sheets(
-    positions: Floats,
-    normals: Floats,
-    radii: Floats,
-    near: NDArray[np.int32],
-    facing: Neighborhood,
+    positions: Floats, normals: Floats, radii: Floats, near: NDArray[np.int32], facing: Neighborhood
 ) -> NDArray[np.int8] | None:
     """Find splats on sheets close together, as at a thin wall: the normals of both sides would cancel in the blend.
 

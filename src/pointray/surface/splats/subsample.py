@@ -20,16 +20,7 @@ from .cells import NEIGHBORS
 from .cover import relax
 from .grow import Cloud, Splats, join
 from .radii import choose_radii
-from .subset import (
-    Subset,
-    errors,
-    fit,
-    measure,
-    select,
-    select_greedily,
-    shrink_splats,
-    worst,
-)
+from .subset import Subset, errors, fit, measure, select, select_greedily, shrink_splats, worst
 
 AROUND = 12  # neighbours of a point to which a splat can grow
 RANK = 8  # a radius is the distance to this neighbour where no point can be omitted

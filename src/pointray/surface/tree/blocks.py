@@ -57,11 +57,7 @@ def _fill_blocks(
 
 
 def make_blocks(
-    positions: Floats,
-    normals: Floats,
-    radii: Floats,
-    order: NDArray[np.int32],
-    threads: int | None = None,
+    positions: Floats, normals: Floats, radii: Floats, order: NDArray[np.int32], threads: int | None = None
 ) -> tuple[Floats, Floats]:
     """Pack splats into blocks of four in the given order, and bound each block by a sphere.
 

@@ -132,10 +132,7 @@ def test_fits_do_not_depend_on_the_batch():
     some = np.random.default_rng(2).permutation(count)[:101]
     for whole, part in (
         (_fit_rows(points, rows, near, [10, 16, 64], 0.3), _fit_rows(points, some, near[some], [10, 16, 64], 0.3)),
-        (
-            fit_surface(points, rows, near, None, noise),
-            fit_surface(points, some, near[some], None, noise[some]),
-        ),
+        (fit_surface(points, rows, near, None, noise), fit_surface(points, some, near[some], None, noise[some])),
     ):
         for a, b in zip(whole, part, strict=True):
             np.testing.assert_array_equal(a[some], b)

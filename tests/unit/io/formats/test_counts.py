@@ -114,51 +114,21 @@ COLMAP = "# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[]\n" + "".join(
 )
 # name, contents, points in the file, the warning, the error of a strict reader
 CASES = {
-    "pts, fewer": (
-        "a.pts",
-        f"50\n{TEXT}",
-        N,
-        "50 rows expected, 40 found: 10 of 50 are missing",
-        "is cut off",
-    ),
+    "pts, fewer": ("a.pts", f"50\n{TEXT}", N, "50 rows expected, 40 found: 10 of 50 are missing", "is cut off"),
     "pts, more": ("a.pts", f"30\n{TEXT}", N, "30 rows expected, 40 found", "is damaged"),
     "pts, blocks": ("a.pts", f"20\n{TEXT}9\n{TEXT}", 2 * N, "29 rows expected, 80 found", "is damaged"),
-    "pts, cut": (
-        "a.pts",
-        f"40\n{CUT}",
-        N - 1,
-        "last line is cut off; 40 rows .* 1 of 40",
-        "has 2 columns, expected 3",
-    ),
+    "pts, cut": ("a.pts", f"40\n{CUT}", N - 1, "last line is cut off; 40 rows .* 1 of 40", "has 2 columns, expected 3"),
     "xyz, cut": ("a.xyz", TEXT + "4 5", N, "its last line is cut off", "has 2 columns, expected 3"),
     "xyz, one field": ("a.xyz", TEXT + "4", N, "its last line is cut off", "has 1 column"),
     "xyz, half a number": ("a.xyz", TEXT + "4 5 -", N, "its last line is cut off", "'-' is not a number"),
-    "ptx, fewer": (
-        "a.ptx",
-        ptx(8, 5, 0, 33),
-        33,
-        "40 rows expected, 33 found: 7 of 40",
-        "is cut off at line 44",
-    ),
-    "ptx, first": (
-        "a.ptx",
-        ptx(5, 4, 0, 17) + ptx(5, 4, 20, N),
-        37,
-        "40 rows .*, 37 found: 3",
-        "the header of scan 2",
-    ),
+    "ptx, fewer": ("a.ptx", ptx(8, 5, 0, 33), 33, "40 rows expected, 33 found: 7 of 40", "is cut off at line 44"),
+    "ptx, first": ("a.ptx", ptx(5, 4, 0, 17) + ptx(5, 4, 20, N), 37, "40 rows .*, 37 found: 3", "the header of scan 2"),
     "ptx, more": ("a.ptx", ptx(5, 4, 0, 23) + ptx(5, 4, 20, N), 43, "40 rows .*, 43 found", "the header of scan 2"),
     "ptx, header": ("a.ptx", ptx(8, 5, 0, N) + "4\n5\n0 0", N, "the header of scan 2", "the header of scan 2"),
     "ptx, huge": ("a.ptx", ptx(10**9, 10**9, 0, N), N, "1,000,000,000,000,000,000 rows expected", "is cut off"),
     "las, fewer": ("a.las", las(50), N, "50 rows of 20 bytes .* 40 rows: 10 of 50 are missing", "is cut off: 50 rows"),
     "las, huge": ("a.las", las(2**32 - 1), N, "4,294,967,255 of 4,294,967,295 are missing", "is cut off"),
-    "las, more": (
-        "a.las",
-        las(30),
-        N,
-        "30 rows; 200 more bytes follow, as many as 10 rows$",
-        "as many as 10 rows",
-    ),
+    "las, more": ("a.las", las(30), N, "30 rows; 200 more bytes follow, as many as 10 rows$", "as many as 10 rows"),
     "laz, fewer": ("a.laz", laz(50, "1.2"), N, "50 rows expected, 40 found: 10 of 50", "50 rows"),
     "laz, huge": ("a.laz", laz(2**32 - 1, "1.2"), N, "4,294,967,295 rows expected, 40 found", "rows"),
     "laz, layers, fewer": ("a.laz", laz(50, "1.4"), N, "50 rows expected, 40 found: 10 of 50", "50 rows"),
@@ -189,13 +159,7 @@ CASES = {
         "24 bytes follow them, which are not read",
         "24 bytes",
     ),
-    "ply, text, fewer": (
-        "a.ply",
-        ply(50, TEXT, "ascii"),
-        N,
-        "40 of 3 found: 10 of 50 are missing",
-        "40 of 3 found",
-    ),
+    "ply, text, fewer": ("a.ply", ply(50, TEXT, "ascii"), N, "40 of 3 found: 10 of 50 are missing", "40 of 3 found"),
     "ply, text, more": ("a.ply", ply(30, TEXT, "ascii"), N, "30 lines of 3 numbers expected, 40 of 3", "30 lines"),
     "ply, text, cut": ("a.ply", ply(N, CUT, "ascii"), N - 1, "last line is cut off; .* 1 of 40", "3 to 2"),
     "ply, text, cut, end of line": (
@@ -249,20 +213,8 @@ CASES = {
         "480 decompressed bytes .*: 40 points found",
         "480 decompressed bytes announced",
     ),
-    "pcd, text, fewer": (
-        "a.pcd",
-        pcd(50, TEXT, "ascii"),
-        N,
-        "50 points expected, 40 found: 10 of 50",
-        "is cut off",
-    ),
-    "pcd, text, more": (
-        "a.pcd",
-        pcd(30, TEXT, "ascii"),
-        N,
-        "30 points expected, 40 found",
-        "more points follow",
-    ),
+    "pcd, text, fewer": ("a.pcd", pcd(50, TEXT, "ascii"), N, "50 points expected, 40 found: 10 of 50", "is cut off"),
+    "pcd, text, more": ("a.pcd", pcd(30, TEXT, "ascii"), N, "30 points expected, 40 found", "more points follow"),
     "pcd, text, cut": ("a.pcd", pcd(N, CUT, "ascii"), N - 1, "last line is cut off; .* 1 of 40", "line 49"),
     "pcd, text, cut, end of line": (
         "a.pcd",
@@ -272,13 +224,7 @@ CASES = {
         "line 49",
     ),
     "pcd, text, huge": ("a.pcd", pcd(HUGE, TEXT, "ascii"), N, "are missing", "is cut off"),
-    "npy, fewer": (
-        "a.npy",
-        npy(50),
-        N,
-        r"600 bytes of \(50, 3\) expected, 480 found: 10 of 50",
-        "is cut off: 600",
-    ),
+    "npy, fewer": ("a.npy", npy(50), N, r"600 bytes of \(50, 3\) expected, 480 found: 10 of 50", "is cut off: 600"),
     "npy, more": ("a.npy", npy(30), 30, "has more bytes after its array", "has more bytes after its array: 360 bytes"),
     "kitti, cut": (
         "a.bin",
@@ -418,12 +364,7 @@ def test_commands_report_missing_rows(tmp_path, capsys, monkeypatch):
     assert execute(["info", "a.pts", "--json"]) == 0
     out, err = capsys.readouterr()
     assert json.loads(out)["points"] == N and err.count("10 of 50 are missing") == 1
-    for command in (
-        ["info"],
-        ["render", "-o", "a.png"],
-        ["convert", "a.ply"],
-        ["prepare", "-o", "a.pointray"],
-    ):
+    for command in (["info"], ["render", "-o", "a.png"], ["convert", "a.ply"], ["prepare", "-o", "a.pointray"]):
         assert execute([command[0], "a.pts", *command[1:], "--strict"]) == 2
         err = capsys.readouterr().err
         assert err.count("\n") == 1 and "announces 50 rows, 40 found" in err

@@ -91,8 +91,7 @@ def test_a_narrow_splat_does_not_decide_the_step_far_away(name):
 
 @pytest.mark.parametrize("width", [long(LEAF_WIDTH / 4), long(LEAF_WIDTH / 2), LEAF_WIDTH])
 @pytest.mark.parametrize(
-    "name",
-    ["torus", *map(long_scan, ("stanford_bunny", "nefertiti_50k", "stanford_dragon_stand_rangescans"))],
+    "name", ["torus", *map(long_scan, ("stanford_bunny", "nefertiti_50k", "stanford_dragon_stand_rangescans"))]
 )
 def test_trees_over_uneven_splats_are_valid(name, width):
     cloud = splats(name)

@@ -150,11 +150,7 @@ SIMPLE = dict(zip("xyz", XYZ.T, strict=True))
     ("encoding", "lines", "message"),
     [
         ("binary", {"POINTS": N + 1}, "line 10: 61 points announced, but WIDTH x HEIGHT is 60 x 1"),
-        (
-            "binary",
-            {"POINTS": N + 1, "WIDTH": N + 1},
-            "cut off: 61 points of 12 bytes or more expected, 720 bytes",
-        ),
+        ("binary", {"POINTS": N + 1, "WIDTH": N + 1}, "cut off: 61 points of 12 bytes or more expected, 720 bytes"),
         ("binary", {"POINTS": N - 1, "WIDTH": N - 1}, "has 12 more bytes"),
         ("binary", {"POINTS": 10**14, "WIDTH": 10**14}, "cut off"),
         ("ascii", {"POINTS": N + 1, "WIDTH": N + 1}, "cut off: 61 points expected, 60 found"),

@@ -156,10 +156,7 @@ BAD = {
         ("1\n1 2 3\n2\n4 5 6\n", "is cut off: line 3 announces 2 rows, 1 found"),
         ("1\n1 2 3\nx\n4 5 6\n", "line 3 has 1 column, the previous rows have more: 'x'"),
     ],
-    "a.xyz": [
-        ("2\nmethane\nC 0 0 0\nH 0 0 1\n", "is a molecule"),
-        ("C 0 0 0\nH 0 0 1\n", "column 1 contains 'C'"),
-    ],
+    "a.xyz": [("2\nmethane\nC 0 0 0\nH 0 0 1\n", "is a molecule"), ("C 0 0 0\nH 0 0 1\n", "column 1 contains 'C'")],
     "a.asc": [("ncols 2\nnrows 2\n", "is a height grid")],
 }
 
