@@ -94,7 +94,7 @@ def test_a_misspelt_name_has_a_suggestion(name, words):
 def test_the_classes_of_results_are_public():
     """Those that the public functions return."""
     functions = [value for value in vars(pointray).values() if isfunction(value) and value.__name__ in pointray.__all__]
-    known = {*pointray.__all__, "Any", "Doubles", "Iterator", "Light", "NDArray", "None"}  # Light: one of several
+    known = {*pointray.__all__, "Any", "Iterator", "Light", "NDArray", "None"}  # Light: one of several
     for function in functions:
         named = set(re.findall(r"\b[A-Z]\w+", str(inspect.signature(function).return_annotation)))
         assert named <= known, function

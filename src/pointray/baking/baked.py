@@ -7,9 +7,10 @@ import os
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..base.arguments import check_callback, check_kind, check_path, wrong
-from ..base.arrays import Floats, Rows
+from ..base.arrays import Floats
 from ..base.executor import Client, Executor, snapshot_and_executor
 from ..base.progress import Progress, StageProgress, in_stage, report_progress
 from ..base.warning_log import warn
@@ -249,7 +250,7 @@ class Baked:
         twin.update()
         return twin
 
-    def tables(self, scene: Snapshot, levels: Rows) -> tuple[Array, Array]:
+    def tables(self, scene: Snapshot, levels: NDArray[np.int64]) -> tuple[Array, Array]:
         """Return the arrays through which kernels read the light; warn once if the light no longer fits the scene.
 
         levels : (instances,), the level of detail that each instance shows
@@ -274,7 +275,7 @@ class Baked:
         """Return the part of the light that rendering reads. It can be pickled, and does not detect stale light."""
         return self._kept
 
-    def irradiance(self, id: int, side: int = 1) -> Floats:
+    def irradiance(self, id: int, side: int = 1) -> NDArray[np.float32]:
         """Return the irradiance at each point of an instance, direct and indirect.
 
         Parameters
@@ -305,7 +306,7 @@ class Baked:
         """
         return self._at_points(id, side, lambda at: at.direct + at.indirect)
 
-    def indirect(self, id: int, side: int = 1) -> Floats:
+    def indirect(self, id: int, side: int = 1) -> NDArray[np.float32]:
         """Return the irradiance from the sky and other surfaces, without that of lights, at each point of an instance.
 
         Parameters
@@ -336,7 +337,7 @@ class Baked:
         """
         return self._at_points(id, side, lambda at: at.indirect)
 
-    def ambient_occlusion(self, id: int) -> Floats:
+    def ambient_occlusion(self, id: int) -> NDArray[np.float32]:
         """Return the cosine-weighted fraction of the sky visible from each point of an instance.
 
         Parameters

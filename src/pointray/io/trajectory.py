@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..base.arguments import check_kind, check_path, real_numbers
-from ..base.arrays import Doubles
 from ..cloud.geographic import LocalFrame, in_file
 from ..cloud.points import Points
 from .files import headers, read
@@ -47,8 +47,8 @@ class Trajectory:
     [[25.0, 0.0, 100.0]]
     """
 
-    times: Doubles
-    positions: Doubles
+    times: NDArray[np.float64]
+    positions: NDArray[np.float64]
 
     def __post_init__(self) -> None:
         times = real_numbers(self.times, "times").astype(np.float64)
@@ -103,7 +103,7 @@ def _columns(path: str | os.PathLike[str]) -> str | None:
     return ",".join(["gps_time", "x", "y", "z", *"-" * (len(names) - 4)])
 
 
-def eyes_along(points: Points, trajectory: str | os.PathLike[str] | Trajectory) -> Doubles:
+def eyes_along(points: Points, trajectory: str | os.PathLike[str] | Trajectory) -> NDArray[np.float64]:
     """Return the scanner position at the time of each point, for `estimate_normals(points, viewpoint=...)`.
 
     Parameters

@@ -29,7 +29,7 @@ def animate(
     progress: StageProgress | None = None,
     client: Client = None,
     spread: bool | None = None,
-) -> Iterator[Floats]:
+) -> Iterator[NDArray[np.float32]]:
     """Render the frames of a film, one for each camera; see `turntable` and `fly`. The scene is not modified.
 
     Parameters

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.arguments import real_numbers
-from ..base.arrays import Doubles, Floats, Rows
+from ..base.arrays import Doubles
 
 Rays = tuple[Doubles, Doubles, Doubles]  # origins and directions, (n, 3), and t_min, t_max, (n, 2)
 
@@ -53,11 +53,11 @@ class Hits:
     ([4.0, inf], [0, -1])
     """
 
-    t: Floats
-    position: Doubles
-    normal: Floats
-    color: Floats
-    point: Rows
+    t: NDArray[np.float32]
+    position: NDArray[np.float64]
+    normal: NDArray[np.float32]
+    color: NDArray[np.float32]
+    point: NDArray[np.int64]
     instance: NDArray[np.int32]
     attributes: dict[str, NDArray[Any]] = field(default_factory=dict)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ...base.arguments import check_callback, check_kind
 from ...base.arrays import Doubles, Flags, Floats, Rows
@@ -45,13 +45,13 @@ class Strays(NamedTuple):
     0 strays
     """
 
-    layer: Flags
-    veil: Flags
-    floating: Flags
-    lone: Flags
+    layer: NDArray[np.bool_]
+    veil: NDArray[np.bool_]
+    floating: NDArray[np.bool_]
+    lone: NDArray[np.bool_]
 
     @property
-    def any(self) -> Flags:
+    def any(self) -> NDArray[np.bool_]:
         """Rows that are strays of any kind, (n,) bool."""
         return np.asarray(self.layer | self.veil | self.floating | self.lone)
 
