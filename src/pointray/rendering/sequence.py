@@ -7,6 +7,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import repeat
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ..base.arguments import check_kind, wrong
 from ..base.arrays import Floats
 from ..base.executor import Client, Executor, Job, snapshot_and_executor
