@@ -98,7 +98,9 @@ class FloorSearch:
 
 
 def _in_layer(details: Floats) -> Flags:
-    """Return which points are near enough to their surface for a second layer, with others next to them, (n,) bool.
+    """Return which points may lie in a second layer of a surface, a duplicate of it from a misaligned scan, (n,) bool.
+
+    Such points are near enough to the surface, with others next to them.
 
     details : (n, 5) offset to the surface, x y z; its point spacing; number of neighbours on the point's side of it
     """
