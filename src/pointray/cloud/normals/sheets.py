@@ -264,8 +264,8 @@ def _suspects(field: _Field, rows: Rows) -> Rows:
 def _turn(field: _Field, rows: Rows) -> None:
     """Flip wrong normals of some rows, in place, by winding numbers (0 outside the surface, 1 inside).
 
-    Flips that bring the numbers around them no closer to 0 and 1 are undone. Where the numbers do not decide, normals
-    follow those of neighbours.
+    Flips that bring the numbers of the point and its neighbours no closer to 0 and 1 are undone. Where the numbers do
+    not decide, normals follow those of neighbours.
     """
     before = field.around(rows)
     turned = rows[is_wrong(rows, before, field.positions, field.normals, field.near)]

@@ -237,8 +237,8 @@ class ThinSheets:
     def _turn(self, field: Field, part: int) -> bool:
         """Decide which marked points of a part are flipped; write 1 for each of them to the column `TURNS`.
 
-        Marked points may be near two sheets. Their winding numbers (1 inside, 0 outside) and the side of the other sheet
-        decide; the winding numbers are stored. Returns whether the part has any marked points.
+        Marked points may be near two sheets. Their winding numbers (1 inside, 0 outside) and the side of the other
+        sheet decide; the winding numbers are stored. Returns whether the part has any marked points.
         """
         rows = np.flatnonzero(self._suspects(part))
         numbers = self._around(field, rows + self._work.part_rows(part).start)
