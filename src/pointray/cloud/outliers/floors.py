@@ -58,7 +58,9 @@ class FloorSearch:
         self._verdicts, self._details = np.zeros(n, np.float32), np.zeros((n, 5), np.float32)
 
     def examine(self, groups: Rows, progress: Progress | None = None, is_exact: bool = False) -> Rows:
-        """Fit surfaces around groups of points, and return the rows that certainly lie off them, in a second layer.
+        """Fit surfaces around groups of points; return the rows that certainly lie off them, in a second layer.
+
+        A second layer is a duplicate of a surface, such as from a misaligned scan.
 
         groups : (g,) ascending numbers of groups; group g holds the four rows from 4 g on
         is_exact : whether surrounding groups are fitted as well: the result then depends on no earlier call

@@ -1,7 +1,7 @@
-"""Search for second layers by blocks of the kd order, continuing with adjacent blocks as long as layers go on.
+"""Search for second layers by ranges of the kd order, continuing with adjacent ranges as long as layers go on.
 
-The result for a block depends only on the points in and around it, not on earlier blocks. A cloud in parts thus
-examines the same blocks as the whole.
+The result for a range depends only on the points in and around it, not on earlier ranges. A cloud in parts thus
+examines the same ranges as the whole.
 """
 
 from __future__ import annotations

@@ -80,7 +80,7 @@ class Cloud:
     def points(self, local: Local) -> Points:
         """Return the points of a part and its margin, at their current positions and with their current normals.
 
-        Current are those after moving second layers and recomputing signs, if these stages are done.
+        Current are those after moving second layers (duplicates of a surface) and recomputing signs, if that is done.
         """
         columns = self.columns
         positions = local.read(columns[self.latest(MERGED, POSITIONS)])
