@@ -93,7 +93,7 @@ class ContactShadow(NamedTuple):
     def put_under(self, image: Floats, camera: Camera) -> Floats:
         """Return an image composited over the shadow, (h, w, 4) float32. The shadow is black with an alpha.
 
-        image : (h, w, 4) float32, premultiplied; camera : the one that rendered it
+        image : (h, w, 4) float32, premultiplied RGB and alpha; camera : the one that rendered it
         """
         alpha = self.for_camera(camera)
         if alpha is None:

@@ -202,8 +202,8 @@ def _tree_of(model: Model) -> Tree | None:
 def _representative_points(model: Model) -> list[Points]:
     """Return the points of a model; for a model in parts on disk, points that represent it in all parts.
 
-    The parts are represented by one level of detail with the same density everywhere: the coarsest with COARSE (20,000)
-    points. Parts without this level contribute the same share of their points.
+    The parts are represented by one level of detail with the same density everywhere: the coarsest with at least
+    COARSE (20,000) points. Parts without this level contribute the same share of their points.
     """
     counts = [part.source.file.points for part in model.parts if part.source is not None]
     if not counts:
@@ -223,9 +223,9 @@ def _representative_points(model: Model) -> list[Points]:
 
 
 def _coarsest(model: Model) -> int:
-    """Return the number of the coarsest level of detail with COARSE (20,000) points in all parts of a model together.
+    """Return the number of the coarsest level of detail with at least COARSE (20,000) points in all parts together.
 
-    1 if no level has as many; 0 if there are no levels.
+    Levels are numbered from 1, the finest. 1 if no level has as many; 0 if there are no levels.
     """
     sizes: dict[int, int] = {}
     for level in itertools.chain.from_iterable(part.levels for part in model.parts):

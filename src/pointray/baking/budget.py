@@ -29,7 +29,7 @@ def spreads_within(
     dict of int
         By instance number, for instances of models: 0 for a light record per splat, k for one per 4^(k - 1) patches.
     dict of Spread
-        By instance number, for instances above level 0: from which records each splat's light is interpolated.
+        By instance number, for instances with k >= 1: from which records each splat's light is interpolated.
 
     Raises
     ------

@@ -46,7 +46,7 @@ class Spread(NamedTuple):
 class LightCost(NamedTuple):
     """Size of the light of a model's instances, from which their level of coarseness is chosen.
 
-    records : number of records of a side at level 0, one per splat; patches : number of patches of the model
+    records : number of records of a side at the finest level, one per splat; patches : number of patches of the model
     spread : bytes of the table that interpolates a coarser level, which instances share
     """
 

@@ -27,7 +27,7 @@ TRANSPARENT = "MP4 does not support transparency; use numbered .png"
 
 
 class CameraPath:
-    """The cameras of a film: a turntable, or a flight along keyframes from a file.
+    """The cameras of an animation: a turntable, or a flight along keyframes from a file.
 
     Raises ValueError or OSError if an option is invalid.
 
@@ -45,7 +45,7 @@ class CameraPath:
     count : int
         Number of frames.
     inputs : dict
-        All that the cameras depend on besides the image size, as JSON values. If it has changed, an interrupted film is
+        All that the cameras depend on besides the image size, as JSON values. If it has changed, an interrupted one is
         rendered again from the start.
     """
 
@@ -89,7 +89,7 @@ def _frames(count: float) -> int:
 
 @dataclass(frozen=True)
 class FilmOutput:
-    """Paths to which the frames of a film are written.
+    """Paths to which the frames of an animation are written.
 
     Attributes
     ----------
@@ -107,9 +107,9 @@ class FilmOutput:
 
 
 def film_output(output: Path, background: str) -> FilmOutput:
-    """Return where to write a film for the value of -o: an .mp4, a folder, or a name like %04d.png.
+    """Return where to write an animation for the value of -o: an .mp4, a folder, or a name like %04d.png.
 
-    Raise an error if the film cannot be written there. background : value of --background; an MP4 cannot be transparent
+    Raise an error if it cannot be written there. background : value of --background; an MP4 cannot be transparent
     """
     from ..base.atomic_write import sweep
     from ..image.frames import check_pattern, note_of
@@ -134,7 +134,7 @@ def film_output(output: Path, background: str) -> FilmOutput:
 
 
 class FilmSource(NamedTuple):
-    """What a film shows, a scan or a scene file, and how its frames are rendered and written.
+    """What an animation shows, a scan or a scene file, and how its frames are rendered and written.
 
     Attributes
     ----------
@@ -173,7 +173,9 @@ class FilmSource(NamedTuple):
 
 
 def scan_source(scan_scene: ScanScene, view: View, settings: Any, exposure: float | str) -> FilmSource:
-    """Return the contents of a film of a scan. With an automatic camera a turntable keeps the whole scan in the image.
+    """Return what an animation of a scan shows, and how to render it.
+
+    With an automatic camera a turntable keeps the whole scan in the image.
 
     settings : those of the images; exposure : in stops, or "auto"
     """
@@ -193,8 +195,9 @@ def scan_source(scan_scene: ScanScene, view: View, settings: Any, exposure: floa
 
 
 def animate(output: FilmOutput, camera_path: CameraPath, source: FilmSource, client: Any = None) -> str:
-    """Render the frames that are missing and write the film. Return the line about it that the command prints.
+    """Render the missing frames of an animation and write it. Return the line about it that the command prints.
 
+    source : what it shows, and how its frames are rendered and written
     client : Dask client whose workers render; None: this process
     """
     from ..image.frames import Frames
@@ -237,10 +240,10 @@ def animate(output: FilmOutput, camera_path: CameraPath, source: FilmSource, cli
 def _render(
     frames: Any, missing: list[int], camera_path: CameraPath, work: tuple[FilmSource, Any], progress: Progress
 ) -> None:
-    """Build the scene of a film, render the missing frames and write them as images, in order.
+    """Build the scene of an animation, render the missing frames and write them as images, in order.
 
     frames : `Frames`, the numbered images; missing : frame numbers, from 0
-    work : source of the film, and Dask client or None
+    work : (source, client), what the animation shows and how to render it, and a Dask client or None
     """
     from ..rendering.lod import is_far
 
@@ -269,7 +272,7 @@ def _render(
 
 
 def _pictures(job: tuple[Any, list[Any], Any], numbers: list[int], progress: Progress, client: Any) -> Iterator[Any]:
-    """Render frames of a film one after the other; yield their images, (h, w, 4) float32, linear.
+    """Render frames of an animation one after the other; yield them: (h, w, 4) float32, linear RGB and alpha.
 
     job : scene, cameras and settings; numbers : frame number of each camera
     """
@@ -289,7 +292,7 @@ def _pictures(job: tuple[Any, list[Any], Any], numbers: list[int], progress: Pro
 
 
 def _exposure(scene: Any, cameras: list[Any], settings: Any) -> tuple[float, str]:
-    """Return the exposure, in stops, and the tone curve of a film.
+    """Return the exposure, in stops, and the tone curve of an animation.
 
     Some frames are rendered in a small size. Of their exposures the lowest is taken, so that no frame is overexposed.
     """
@@ -312,9 +315,9 @@ def _exposure(scene: Any, cameras: list[Any], settings: Any) -> tuple[float, str
 
 
 def _inputs(camera_path: CameraPath, source: FilmSource) -> dict[str, Any]:
-    """Return everything that the frames of a film depend on, as JSON values; the number of threads is left out.
+    """Return everything that the frames of an animation depend on, as JSON values; the number of threads is left out.
 
-    If it has changed since an interrupted film was begun, all frames are rendered again.
+    If it has changed since an interrupted animation was begun, all frames are rendered again.
     """
     from .. import __version__
 

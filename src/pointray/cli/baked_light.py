@@ -41,7 +41,7 @@ class LightSource:
     def inputs(self) -> dict[str, Any]:
         """All that the light depends on besides the scene, as JSON values: file, or settings of the bake.
 
-        If it has changed, all frames of an interrupted film are rendered again. The number of threads is left out.
+        If it has changed, all frames of an interrupted animation are rendered again. The number of threads is left out.
         """
         if self.file is not None:
             facts = self.file.stat()

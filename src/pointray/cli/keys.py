@@ -14,7 +14,7 @@ KNOWN = (*NEEDED, "up", "fov")
 
 
 def read_keys(file: Path, view: View | SceneView) -> list[tuple[float, Any]]:
-    """Read the keyframes of a film from a .toml or .json file: return the time, in seconds, and Camera of each.
+    """Read the keyframes of an animation from a .toml or .json file: return time, in seconds, and Camera of each.
 
     view : camera of the command, from which size, lens, and missing up directions and fields of view are taken
     """
@@ -35,7 +35,7 @@ def read_keys(file: Path, view: View | SceneView) -> list[tuple[float, Any]]:
 
 
 def _rows(file: Path) -> list[Any]:
-    """Read the list `keys` of a .toml or .json file, one dict per keyframe of a film; ValueError if it is invalid."""
+    """Read the list `keys` of a .toml or .json file, one dict per keyframe; ValueError if it is invalid."""
     kind = file.suffix.lower()
     if kind not in (".toml", ".json"):
         raise ValueError(f"{file}: keys must be .toml or .json, not {file.suffix or 'a file without extension'}")

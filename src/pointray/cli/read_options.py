@@ -143,7 +143,7 @@ class Reading:
 
     @property
     def inputs(self) -> dict[str, Any]:
-        """All options as JSON values, which identify cached models and interrupted films that were made with them."""
+        """All options as JSON values, which identify cached models and interrupted animations made with them."""
         return asdict(self)
 
     @property

@@ -43,7 +43,7 @@ class ScanFiles:
     def inputs(self) -> dict[str, Any]:
         """All that the points depend on, as JSON values: paths, sizes and times of files, and options of reading.
 
-        If it has changed, all frames of an interrupted film are rendered again.
+        If it has changed, all frames of an interrupted animation are rendered again.
         """
         facts = [file.stat() for file in self.files]
         return {

@@ -101,7 +101,7 @@ class ScanScene:
     def inputs(self) -> dict[str, Any]:
         """All that the scene depends on, as JSON values: files, options and light.
 
-        If it has changed, all frames of an interrupted film are rendered again.
+        If it has changed, all frames of an interrupted animation are rendered again.
         """
         baked = {} if self._baked is None else self._baked.inputs
         options = {**self._surface, **self._options.of(OF_SCENE), "background": self._options.background}

@@ -95,7 +95,7 @@ class DescribedScene:
     def inputs(self) -> dict[str, Any]:
         """All that the scene depends on, as JSON values: paths, sizes and times of all files, and the background.
 
-        If it has changed, all frames of an interrupted film are rendered again.
+        If it has changed, all frames of an interrupted animation are rendered again.
         """
         facts = [(path, path.stat()) for path in self.plan.files]
         files = [(str(path.resolve()), fact.st_size, fact.st_mtime_ns) for path, fact in facts]
@@ -111,7 +111,7 @@ class DescribedScene:
         return in_background(lambda: self.plan.build(progress.show))
 
     def source(self) -> FilmSource:
-        """Return the contents of a film of this scene: how to build it, settings and exposure."""
+        """Return what an animation of this scene needs: the function that builds the scene, settings and exposure."""
         from .animate import FilmSource
 
         def build(progress: Progress) -> tuple[Any, Any, Any]:
@@ -138,7 +138,7 @@ def render_scene(file: Path, output: Path, options: dict[str, Any], client: Any 
 
 
 def animate_scene(file: Path, output: FilmOutput, options: dict[str, Any], fps: float, client: Any = None) -> str:
-    """Make a film of a scene file; return the line that the command prints.
+    """Make an animation of a scene file; return the line that the command prints.
 
     options : those that the user typed, by name; they replace values of the file; fps : frames per second
     client : Dask client whose workers render; None: this process

@@ -48,7 +48,7 @@ class View:
     def inputs(self) -> dict[str, Any]:
         """All options that the cameras of a turntable depend on besides the image size, as JSON values.
 
-        If they have changed, all frames of an interrupted film are rendered again.
+        If they have changed, all frames of an interrupted animation are rendered again.
         """
         return {"eye": self.eye, "target": self.target, **asdict(self.choice), **self.lens}
 
@@ -108,7 +108,7 @@ class View:
 
 
 class SceneView:
-    """The camera of a scene file, with the attributes of `View` that films need: size, up, lens and inputs.
+    """The camera of a scene file, with the attributes of `View` that animations need: size, up, lens and inputs.
 
     values : arguments of `Camera.look_at`, or of `Camera.frame` for a camera that shows the whole scene
     """

@@ -21,7 +21,7 @@ PATIENCE = 5  # timeout in seconds for any worker to be available
 
 @dataclass
 class ScatteredObject:
-    """An object that a client sends to its workers once, although many jobs need it.
+    """An object that a client sends to its workers once (Dask's `scatter`), although many jobs need it.
 
     name : shown on the dashboard; future : keeps the object on the workers; None until it is sent
     """
@@ -40,7 +40,7 @@ class ScatteredObject:
 
 @dataclass
 class ScatteredObjects:
-    """The objects that a client has sent to its workers.
+    """The objects that a client has sent to its workers by Dask's `scatter`.
 
     by_owner : the sent objects; each stays on the workers as long as its owner, such as a model, lives here
     unseen : files of models that some worker cannot read, or sees in another state; these models are sent
@@ -53,7 +53,9 @@ class ScatteredObjects:
     asked: set[Place] = field(default_factory=set)
 
     def of(self, owner: Any, name: str, value: Any) -> ScatteredObject:
-        """Return the scattered object of an owner, a new one if its value has changed. Sends nothing yet.
+        """Return the object to be sent to workers (Dask's `scatter`) for an owner, a new one if its value has changed.
+
+        Sends nothing yet.
 
         owner : the object stays on the workers as long as this one lives; name : shown on the dashboard
         """
@@ -92,7 +94,7 @@ _OBJECTS: WeakKeyDictionary[Any, ScatteredObjects] = WeakKeyDictionary()  # by c
 
 
 def scattered_objects_of(client: Any) -> ScatteredObjects:
-    """Return the objects that a client has sent to its workers; the same collection for each call."""
+    """Return the objects that a client has sent to its workers (Dask's `scatter`); the same object for each call."""
     if client not in _OBJECTS:
         _OBJECTS[client] = ScatteredObjects(client)
     return _OBJECTS[client]

@@ -56,7 +56,10 @@ class JobSpec:
 
 @dataclass(frozen=True)
 class ScatteredModel:
-    """Name of a model that was sent to workers. key : Dask's key of it; scheduler : id of the workers' scheduler"""
+    """Name of a model that was sent to workers by Dask's `scatter`; it does not concern scattered points.
+
+    key : Dask's key of the model; scheduler : id of the workers' scheduler
+    """
 
     key: str
     scheduler: str
@@ -68,7 +71,7 @@ class WorkerCache:
 
     lock : held by the running job, as jobs run one at a time
     scenes : snapshots by the name of the scene; files : models by their file
-    sent : models that a client has sent, as long as they are used
+    sent : models that a client has sent by Dask's `scatter`, as long as they are used
     """
 
     lock: threading.Lock = field(default_factory=threading.Lock)
@@ -90,7 +93,11 @@ class WorkerCache:
         return scene.snapshot()
 
     def _model(self, model: Model | Place | ScatteredModel) -> Model:
-        """Return a model: the given one, one fetched from the workers that have it, or one loaded from a file."""
+        """Return a model: loaded from its file (`Place`), fetched from workers (`ScatteredModel`), or given (`Model`).
+
+        A `ScatteredModel` names a model that a client has sent to workers by Dask's `scatter`. Loaded and fetched
+        models are taken from the cache if they are in it.
+        """
         if isinstance(model, Place):
             return _get_or_make(self.files, model, FILES, lambda: _load(model))
         if isinstance(model, ScatteredModel):
@@ -163,7 +170,7 @@ def worker_here() -> Any:
 
 
 def _fetch(sent: ScatteredModel) -> Model:
-    """Fetch a model from the workers to which a client has sent it; raise an error if they are lost."""
+    """Fetch a model that a client has sent to workers (Dask's `scatter`); raise an error if they are lost."""
     distributed: Any = sys.modules["distributed"]
     client = distributed.get_client()
     if client.scheduler_info()["id"] != sent.scheduler:

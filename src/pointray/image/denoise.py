@@ -21,9 +21,9 @@ def denoise(image: Floats, albedo: Floats, normal: Floats) -> None:
     Parameters
     ----------
     image : (h, w, 4) float32, C-contiguous
-        Linear, premultiplied, HDR. Replaced by the result.
+        Linear, premultiplied HDR, and alpha. Replaced by the result.
     albedo : (h, w, 4) float32, C-contiguous
-        Albedo of the surface seen in each pixel; clipped to 0 to 1. The fourth component is ignored, as in normal.
+        Albedo of the surface seen in each pixel; clipped to 0 to 1. Alpha is ignored, as in normal.
     normal : (h, w, 4) float32, C-contiguous
         Normals of that surface; clipped to -1 to 1.
 

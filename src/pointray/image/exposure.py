@@ -43,7 +43,7 @@ def auto_exposure(image: NDArray[np.floating], curve: str = "srgb", white: float
     Parameters
     ----------
     image : (h, w, 3) or (h, w, 4) float
-        Linear, premultiplied; pixels with alpha below 0.5 are ignored.
+        Linear, premultiplied; the fourth channel is alpha. Pixels with alpha below 0.5 are ignored.
     curve : {"srgb", "neutral", "filmic", "soft"}
         Tone curve with which the image will be shown.
     white : float, optional

@@ -16,7 +16,7 @@ from .write import SHOWN, write_image
 
 
 class Frames:
-    """Numbered images of a film, and a JSON note beside them by which an interrupted run continues.
+    """Numbered images of an animation, and a JSON note beside them by which an interrupted run continues.
 
     The note holds the settings of the images and the number of finished frames.
 
@@ -39,7 +39,7 @@ class Frames:
 
     @property
     def note(self) -> Path:
-        """Path of the JSON note with settings and progress, which is deleted when the film is complete."""
+        """Path of the JSON note with settings and progress, which is deleted when the animation is complete."""
         return note_of(self.pattern)
 
     def path(self, k: int) -> Path:
@@ -93,7 +93,7 @@ class Frames:
             beside.write(json.dumps({"settings": self._settings, "done": self._done}, indent=1).encode())
 
     def _complete(self, k: int) -> bool:
-        """Return whether the image of frame k exists, can be decoded, and has the size of the film."""
+        """Return whether the image of frame k exists, can be decoded, and has the size of the animation."""
         try:
             with Image.open(self.path(k)) as picture:
                 picture.load()

@@ -28,12 +28,12 @@ def check_mp4(path: Path) -> None:
 
 
 def even(size: tuple[int, int]) -> tuple[int, int]:
-    """Return the (width, height) of a film, rounded up to even numbers, as chroma is stored for 2 x 2 pixels."""
+    """Return the (width, height) of a video, rounded up to even numbers, as chroma is stored for 2 x 2 pixels."""
     return size[0] + size[0] % 2, size[1] + size[1] % 2
 
 
 def write_mp4(path: Path, pattern: Path, count: int, fps: float, size: tuple[int, int]) -> None:
-    """Encode the first `count` numbered images as an MP4 film: H.264, yuv420p.
+    """Encode the first `count` numbered images as an MP4 video: H.264, yuv420p.
 
     Odd sides are extended by a copy of the last row or column. OSError contains the error of ffmpeg.
 

@@ -38,7 +38,7 @@ def _table(curve: str) -> Rgb8:
 def _to_8bit(work: Array, image: Array, backdrop: Array, gain: float, table: Array, out: Array) -> None:
     """Composite an image over a backdrop and convert it to 8-bit sRGB, in blocks of rows.
 
-    image : (h, w, 4) float32, linear, premultiplied; backdrop : (h, 3) float32, linear, one colour a row
+    image : (h, w, 4) float32, linear, premultiplied, with alpha; backdrop : (h, 3) float32, linear, one colour a row
     gain : factor of the exposure; table : 8-bit values of the tone curve, from `_table`; out : (h, w, 3) uint8
     """
     image, backdrop, table, out = borrow(image), borrow(backdrop), borrow(table), borrow(out)
@@ -76,7 +76,7 @@ def to_8bit(image: Floats, backdrop: ArrayLike = (0.0, 0.0, 0.0), exposure: floa
     Parameters
     ----------
     image : (h, w, 4) float32
-        Linear, premultiplied.
+        Linear, premultiplied, with alpha.
     backdrop : (3,) or (h, 3) float
         Linear colour behind the image, or behind each row; not changed by the curve.
     exposure : float

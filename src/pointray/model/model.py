@@ -295,7 +295,7 @@ class Model(TraceableModel):
         """Make coarser versions of the model, its `levels`, for views in which points are finer than pixels.
 
         `levels` is a tuple of models from fine to coarse. Each has half as many points along a line as the one before.
-        Images then show each instance in the level that fits its distance: less flicker in films, higher frame rates.
+        Images then show each instance in the level that fits its distance: less flicker in motion, higher frame rates.
         Levels have the surface "paper" with 2 samples over a support's diameter, as their points are about as far apart
         as pixels. Memory grows by a third. `Settings(levels=False)` ignores them.
 

@@ -157,7 +157,9 @@ class ResidencyCache:
         return Opened(data, file.nbytes)
 
     def _close_surplus(self, newest: Key) -> list[Tree]:
-        """Remove the least recently used files beyond the budget from the cache; return their trees, to free memory.
+        """Remove the least recently used files beyond the budget from the cache; return their trees.
+
+        The caller releases the memory that the trees' mapped files occupy.
 
         newest : key of the file just opened, which is kept
         """

@@ -139,9 +139,9 @@ def set_pixel_rays(
 
 @inline
 def begin_sums(corner: Corner, first: int, film: Array, scratch: Scratch) -> None:
-    """Load the sums of a tile's pixels over their first samples from the film into scratch memory, to add more samples.
+    """Load the sums of a tile's pixels over their first samples into scratch memory, to add more samples.
 
-    All sums are set to 0 if there are no samples yet. Sums that the film does not keep are always set to 0.
+    All sums are set to 0 if there are no samples yet. Sums that `film` does not keep are always set to 0.
 
     corner : column and row of the tile's first pixel; first : number of samples so far
     film : (h, w, k) float32, the k sums kept of each pixel: RGB, number of hits and so on
@@ -159,7 +159,7 @@ def begin_sums(corner: Corner, first: int, film: Array, scratch: Scratch) -> Non
 
 @inline
 def round_sums(sample: int, first: int, scratch: Scratch) -> None:
-    """Round a tile's sums to float32 where a pass of samples may begin, as storing them in the film does.
+    """Round a tile's sums to float32 where a pass of samples may begin: between passes they are stored so.
 
     The image is then the same in one pass and in passes of 1, 1, 2, 4 and so on samples.
 
@@ -222,9 +222,9 @@ def _average(done: int, background: Background, sums: Array) -> None:
 
 @inline
 def fill_tile(corner: Corner, background: Background, image: Array) -> None:
-    """Fill a tile without hits with the background. Its sums in the film stay 0, as in a new film.
+    """Fill a tile without hits with the background. The sums over samples of its pixels stay 0.
 
-    corner : column and row of the tile's first pixel; background : RGB and alpha; image : (h, w, 4)
+    corner : column and row of the tile's first pixel; background : RGB and alpha; image : (h, w, 4), RGB and alpha
     """
     for y in range(corner[1], min(corner[1] + EDGE, image.shape[0])):
         for x in range(corner[0], min(corner[0] + EDGE, image.shape[1])):
@@ -234,7 +234,7 @@ def fill_tile(corner: Corner, background: Background, image: Array) -> None:
 
 @inline
 def finish_sums(corner: Corner, done: int, background: Background, film: Array, image: Array, scratch: Scratch) -> None:
-    """Store the sums of a tile's pixels in the film, if any, and the pixels' means over the background in the image.
+    """Store a tile's sums over samples in `film`, if any, and its pixels' means over the background in the image.
 
     corner : column and row of the tile's first pixel; done : number of samples in the sums
     film : (h, w, k), the k sums kept of each pixel (RGB, number of hits and so on), or empty

@@ -48,7 +48,7 @@ def render_layers(
     -------
     dict
         radiance : (h, w, 4) float32
-            Result of `render`.
+            Result of `render`: linear RGB, premultiplied, and alpha.
         depth : (h, w) float32
             Distance along the view, in a panorama from the eye; inf for a miss.
         normal : (h, w, 3) float32

@@ -172,7 +172,8 @@ def _nearest_open(fetch: Fetch, family: tuple[Model, ...], level: int) -> int:
 
     If none is open, the coarsest level is opened now; if that fails, the wanted index is returned.
 
-    family : a model on disk and its levels; level : index of the wanted level in `family`
+    family : a model on disk and its levels of detail, from fine to coarse
+    level : index of the wanted one in `family`, 0 for the model itself
     """
     finer, coarser = range(level, max(level - SKIPPED, 0) - 1, -1), range(level + 1, len(family))
     for near in (*finer, *coarser):

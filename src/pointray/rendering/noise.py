@@ -12,7 +12,7 @@ BAND = 1 << 17  # pixels processed together, to save memory
 
 
 def light_of(film: Floats, done: int) -> tuple[Floats, Floats]:
-    """Return the light without background, (h, w, 4), and a mask of noisy pixels, (h, w): 1 where samples differ.
+    """Return RGB (no background) and alpha, (h, w, 4), and a mask of noisy pixels, (h, w): 1 where samples differ.
 
     The denoiser changes only noisy pixels. With one sample, or only black samples, pixels with a hit count as noisy.
 

@@ -147,7 +147,7 @@ def check_picture(size: tuple[int, int], bytes_a_pixel: int) -> None:
 
 
 def _sums(settings: Settings, catchers: bool) -> int:
-    """Return how many sums a pixel has in the film: 4 (RGB, hits), 5 to measure noise, 8 with shadow catchers."""
+    """Return how many sums over samples each pixel has: 4 (RGB, hits), 5 to measure noise, 8 with shadow catchers."""
     return ALL_SUMS if catchers else NOISE_SUMS if settings.noise is not None or settings.denoised else LIGHT_SUMS
 
 
@@ -182,7 +182,7 @@ def check_scene(scene: Any, settings: Any, progress: Any, stacklevel: int = 3) -
 
 
 def _surfaces(scene: Snapshot, camera: Camera, settings: Settings, executor: Executor | None) -> NDArray[np.float32]:
-    """Render the albedo or the normals of first hits, (h, w, 4) without background, as guides for the denoiser.
+    """Render the albedo or the normals of first hits, (h, w, 4) with alpha, no background, as guides for the denoiser.
 
     They are averaged over up to 16 of the image's own samples. settings : with the integrator "color" or "normal"
     """
@@ -290,7 +290,7 @@ class Picture:
     def _run(
         self, samples: tuple[int, int], blocks: tuple[int, int], progress: Progress | None, cancel: Cancel | None = None
     ) -> None:
-        """Add samples to some blocks of the image, and to their sums in the film, in this process.
+        """Add samples to some blocks of the image, and to their pixels' sums over samples, in this process.
 
         samples : range of sample indices; blocks : number of the first block, and their count
         """
@@ -322,7 +322,8 @@ class Picture:
     def add_to(self, order: Order, progress: Progress | None) -> tuple[Floats, Floats | None]:
         """Add samples to a piece of the image, as an order (a request from another process) says.
 
-        Returns the piece, (h, w, 4), and the sums over samples of its pixels, (h, w, k), if the order requests them.
+        Returns the piece, (h, w, 4), RGB and alpha, and, if the order requests them, the k sums over samples of each of
+        its pixels, (h, w, k).
         """
         piece = order.piece
         if order.sums is not None:
@@ -331,7 +332,7 @@ class Picture:
         return piece.of(self.image).copy(), piece.of(self._film).copy() if order.returns else None
 
     def light(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Return the light without background, (h, w, 4), and a mask of pixels with noise, (h, w), for the denoiser."""
+        """Return RGB (no background) and alpha, (h, w, 4), and a mask of noisy pixels, (h, w), for the denoiser."""
         return light_of(self._film, self._done)
 
 
@@ -340,7 +341,8 @@ def render_piece(
 ) -> tuple[Floats, Floats | None]:
     """Render the piece of an image that an order (a request from the client) names, on a worker.
 
-    Returns the piece, (h, w, 4), and its sums over samples, (h, w, k), if the order requests them.
+    Returns the piece, (h, w, 4), RGB and alpha, and, if the order requests them, the k sums over samples of each of its
+    pixels, (h, w, k).
     """
     settings, in_passes = replace(order.settings, threads=threads), order.returns or order.sums is not None
     picture = Picture(scene, order.camera, settings, order.background, in_passes, in_part=True)

@@ -120,7 +120,8 @@ def add_in_pieces(
 
     work : renders a piece on a worker; takes the snapshot, an order, a number of threads and a progress callback
     order : camera, settings, background and range of samples of the image; its piece is ignored
-    target : (image, film), where the results are stored: (h, w, 4), and (h, w, k) or empty, which is not updated
+    target : (image, film), where the results are stored: (h, w, 4) RGB and alpha, and (h, w, k) sums or
+        empty, which is not updated
     """
     image, film = target
     pieces = pieces_for(order.camera.size, executor.workers)

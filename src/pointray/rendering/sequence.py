@@ -33,17 +33,17 @@ def animate(
     client: Client = None,
     spread: bool | None = None,
 ) -> Iterator[NDArray[np.float32]]:
-    """Render the frames of a film, one for each camera; see `turntable` and `fly`. The scene is not modified.
+    """Render the frames of an animation, one for each camera; see `turntable` and `fly`. The scene is not modified.
 
     Parameters
     ----------
     scene : Scene
     cameras : sequence of Camera
     settings : Settings, optional
-        With "baked", if `Scene.baked` is None, light is baked once for the whole film, with a warning.
+        With "baked", if `Scene.baked` is None, light is baked once for all frames, with a warning.
     progress : callable, optional
-        Called as `progress(stage, share)` with the name of the stage and the completed share of the film, 0 to 1, about
-        ten times a second while a frame is rendered. An exception raised in it ends the film.
+        Called as `progress(stage, share)` with the name of the stage and the completed share of all frames, 0 to 1,
+        about ten times a second while a frame is rendered. An exception raised in it ends the rendering.
     client : dask.distributed.Client, optional
         Render on the workers of a cluster, a frame at a time on each, some frames ahead. The frames are the same, see
         `render`.
@@ -94,11 +94,11 @@ def render_each(
     numbers: Sequence[int] | None = None,
     spread: bool | None = None,
 ) -> Iterator[Floats]:
-    """Render the frames of a film, with validated arguments, and yield them in order, each (h, w, 4).
+    """Render the frames of an animation, with validated arguments; yield them in order, (h, w, 4) RGB and alpha each.
 
     Each worker renders whole frames. With denoising or spread models, all workers render one frame after the other.
 
-    progress : called with the completed fraction of the film
+    progress : called with the completed fraction of all frames
     numbers : frame numbers shown on the dashboard; None: 0, 1, 2 and so on
     spread : whether each worker opens only some parts of models; None: only if a worker's memory cannot hold all parts
     """
@@ -111,18 +111,18 @@ def render_each(
 
 
 def _part(progress: Progress | None, k: int, count: int) -> Progress | None:
-    """Return a callback for the progress of frame k of `count` frames, which reports that of the whole film."""
+    """Return a callback for the progress of frame k of `count` frames, which reports that of all frames."""
     return None if progress is None else lambda share: progress((k + share) / count)
 
 
 def _render_whole(
     executor: Executor, cameras: Sequence[Camera], settings: Settings, names: Sequence[str], progress: Progress | None
 ) -> Iterator[tuple[int, Floats]]:
-    """Render the frames of a film on workers; yield each with its index when it is finished, in any order.
+    """Render the frames of an animation on workers; yield each with its index when it is finished, in any order.
 
     At most AHEAD (4) frames a worker are begun beyond the first unfinished one; finished frames wait for it in memory.
 
-    names : names of the frames, shown on the dashboard; progress : called with the finished share of the film
+    names : names of the frames, shown on the dashboard; progress : called with the finished share of the frames
     """
     number_of: dict[Job, int] = {}
     jobs = deque[Job]()
@@ -150,5 +150,5 @@ def _render_whole(
 
 
 def render_whole(scene: Snapshot, camera: Camera, settings: Settings, threads: int, progress: Progress) -> Floats:
-    """Render one frame of a film on a worker: an (h, w, 4) image of linear radiance. progress : raises to cancel"""
+    """Render one frame of an animation on a worker: (h, w, 4), linear RGB and alpha. progress : raises to cancel"""
     return render_snapshot(scene, camera, replace(settings, threads=threads), progress)

@@ -22,7 +22,7 @@ def intersect_snapshot(
 ) -> Hits:
     """Return the closest hit of each ray, in arrays of the rays' leading shape.
 
-    shape, rays : leading shape, and origins, directions (n, 3) and limits (n, 2), as returned by `check_rays`
+    shape, rays : leading shape, and origins, directions (n, 3) and t_min, t_max (n, 2), as returned by `check_rays`
     attributes : names of the points' attributes to return at the hits; pace : number of threads, progress callback
     """
     forms = {name: hit_attribute(scene, name) for name in attributes}
@@ -41,7 +41,7 @@ def intersect_snapshot(
 def occluded_snapshot(scene: Snapshot, shape: tuple[int, ...], rays: Rays, pace: Pace = PLAIN) -> Flags:
     """Return whether each ray hits anything between t_min and t_max, as an array of the rays' leading shape.
 
-    shape, rays : leading shape, and origins, directions (n, 3) and limits (n, 2), as returned by `check_rays`
+    shape, rays : leading shape, and origins, directions (n, 3) and t_min, t_max (n, 2), as returned by `check_rays`
     pace : number of threads, progress callback
     """
     return occlusions_paged(scene, shape, rays, pace).reshape(shape)

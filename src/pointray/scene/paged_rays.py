@@ -57,7 +57,8 @@ def occlusions_paged(scene: Snapshot, shape: tuple[int, ...], rays: Rays, pace: 
 class _DiskParts:
     """Parts on disk, and the distances at which rays enter their boxes, to decide which parts are opened next.
 
-    rows : of the instances whose models are parts on disk; rays : origins and directions, (n, 3), and limits, (n, 2)
+    rows : of the instances whose models are parts on disk; rays : origins and directions, (n, 3), and limits
+        t_min, t_max, (n, 2)
 
     Attributes
     ----------

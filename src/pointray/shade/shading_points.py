@@ -52,7 +52,9 @@ def margin_of(world: World, scratch: Scratch, i: int) -> float:
 
 @inline
 def _soften(world: World, scratch: Scratch, i: int) -> None:
-    """Blend the normal at the hit of ray i on a scattered point, drawn as a sphere, with the mean direction around it.
+    """Blend the normal at the hit of ray i on a scattered point, drawn as a sphere, with the direction of its splat.
+
+    That is the mean, over the point and its neighbours, of directions away from the centroid of nearby points.
 
     This gives tree crowns smooth shading instead of speckle. The normal stays on the side of the eye.
     """

@@ -53,7 +53,7 @@ class Display:
     view : ViewSettings or None
         Values of the panel. None: there is no scene yet.
     output : Output
-        Options of saved images and films.
+        Options of saved images and animations.
     """
 
     def __init__(self, shared: SharedScene, outbox: Outbox, painter: Painter, lookups: Lookups) -> None:
@@ -141,7 +141,7 @@ class Display:
             self.change(view.lit_by(lights, shared.up, shared.settings.integrator), True)
 
     def change_output(self, name: str, value: Any) -> None:
-        """Set an option of saved images and films. name : field of `Output`, such as "width"; value : validated"""
+        """Set an option of saved images and animations. name : field of `Output`, such as "width"; value : validated"""
         self.output = self.output._replace(**{name: value})
 
     def follow(self) -> None:

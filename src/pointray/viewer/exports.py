@@ -50,7 +50,7 @@ class StoppedError(Exception):
 
 
 class Exports:
-    """Saves images and films for one browser in the background, one at a time.
+    """Saves images and animations for one browser in the background, one at a time.
 
     Also shows the view on the page as a command or as Python code to copy.
 
@@ -68,9 +68,9 @@ class Exports:
         self._thread: threading.Thread | None = None
 
     def start(self, name: str, request: FrameRequest, output: Output, shared: SharedScene) -> None:
-        """Start rendering an image or film in a thread, or send the page a text to copy, as a button requests.
+        """Start rendering an image or animation in a thread, or send the page a text to copy, as a button requests.
 
-        While an image or film is in progress, another one is refused with a warning on the page.
+        While an image or animation is in progress, another one is refused with a warning on the page.
 
         name : "save.picture", "save.film", "copy.command" or "copy.python"
         request : the image shown; output : size, samples and format
@@ -140,7 +140,7 @@ class Exports:
         self._publish(path)
 
     def _film(self, request: FrameRequest, output: Output, folder: Path, stem: str) -> None:
-        """Render a turntable film as MP4 and send it to the page.
+        """Render a turntable animation as MP4 and send it to the page.
 
         request : first camera and scene; output : size, samples, duration and frame rate
         folder : temporary folder; stem : file name without suffix

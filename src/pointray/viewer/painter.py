@@ -336,7 +336,7 @@ class Painter:
     ) -> None:
         """Expose and encode an image, and deliver it to the page.
 
-        image : (h, w, 4) float32, linear, premultiplied
+        image : (h, w, 4) float32, linear, premultiplied, with alpha
         stage : `MOVING`, `STILL` or `REFINED`, which sets the quality of the JPEG
         samples : the total per pixel, and the number per pixel added in the given seconds
         """
@@ -356,7 +356,7 @@ class Painter:
         self._deliver(Frame(self._drawn, request, (width, height), stage, samples[0], jpeg, seconds, rays))
 
     def _tone(self, request: FrameRequest, image: Floats, stage: Stage) -> tuple[float, str]:
-        """Return the exposure (stops) and tone curve (its name) of an image, (h, w, 4) float32.
+        """Return the exposure (stops) and tone curve (its name) of an image, (h, w, 4) float32, RGB and alpha.
 
         Automatic values are chosen again when the panel's settings or the scene change; the exposure also when a still
         image needs a much different one. Images therefore do not flicker while the camera moves.

@@ -21,10 +21,10 @@ MOUSE_HELP = (
 
 
 class Output(NamedTuple):
-    """Options of saved images and films.
+    """Options of saved images and animations.
 
     width, height : pixels; samples : per pixel; format : of images: "png", "jpg" or "exr"
-    seconds, fps : duration and frame rate of films
+    seconds, fps : duration and frame rate of animations
     """
 
     width: int = 1920

@@ -236,7 +236,7 @@ class ViewSettings:
         return self.exposes and self.integrator in EXPOSED
 
     def tone(self, image: Floats) -> tuple[float, str]:
-        """Return exposure (stops) and tone curve (its name) for an image, (h, w, 4) float32, linear."""
+        """Return exposure (stops) and tone curve (its name) for an image, (h, w, 4) float32, linear with alpha."""
         if not self.auto_exposed:
             return tone_of(image, self.exposure, self.curve)
         white = white_under(self.lights((0.0, 0.0, 1.0)), self.integrator)  # any up direction will do

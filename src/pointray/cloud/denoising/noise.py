@@ -96,7 +96,7 @@ def measure_ranges(ordered: Floats, normals: Floats | None = None, size: int | N
 
 
 def raise_to_typical(ranges: NoiseRanges) -> NoiseRanges:
-    """Raise the noise of each range, where the ranges around are very noisy, to what is typical of these.
+    """Raise the noise of each range, where the 9 nearest ranges are very noisy, to the 75th percentile of theirs.
 
     Much noise in a range can pass for detail of the surface, which gives too small a value.
 
@@ -121,7 +121,7 @@ def _residuals(ordered: Floats, rows: Rows, near: NDArray[np.int32], ranges: lis
 
 
 def _around(middles: Floats, noise: Doubles) -> Doubles:
-    """Return the noise typical of the ranges around each one, (r,), in spacings; 0 where it is below half a spacing.
+    """Return the 75th percentile of the noise of the 9 nearest ranges to each one, (r,), in spacings; 0 if up to 0.5.
 
     middles : (r, 3) positions of the ranges; noise : (r,) noise of each, in spacings
     """

@@ -57,11 +57,11 @@ def _lay(work: Array, positions: Array, rows: Array, near: Array, planes: Array,
 
 @kernel
 def _sides(work: Array, normals: Array, planes: Array, near: Array, signs: Array) -> None:
-    """Write the sign, 1 or -1, with which each normal faces the same side as the planes around it.
+    """Write the sign, 1 or -1, with which each normal faces the same side as the planes of its neighbours.
 
     work : gives each thread its next tile, 1024 rows
     normals, planes : (m, 3) normals, and (n, 3) unit normals of the planes
-    near : (m, k) rows of the planes around each normal
+    near : (m, k) rows of the planes of each point's neighbours
     signs : (m,) int8
     """
     normals, planes, near, signs = borrow(normals), borrow(planes), borrow(near), borrow(signs)
@@ -117,7 +117,7 @@ class Layers:
 
 
 def signs_facing(normals: Floats, planes: Floats, near: NDArray[np.int32]) -> NDArray[np.int8]:
-    """Return the signs, (m,) of 1 or -1, with which normals face the same side as the oriented planes around them.
+    """Return the signs, (m,) of 1 or -1, with which normals face the same side as the planes of their neighbours.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def signs_facing(normals: Floats, planes: Floats, near: NDArray[np.int32]) -> ND
     planes : (n, 3) float32
         Normals of the planes, oriented.
     near : (m, k) int32
-        Rows of the planes around each normal, its own first.
+        Rows of the planes of each point's neighbours, its own first.
     """
     signs = np.empty(len(normals), np.int8)
     run(_sides, -(-len(signs) // CHUNK), normals, planes, near, signs)

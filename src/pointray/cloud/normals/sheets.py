@@ -94,6 +94,8 @@ def is_thick(residuals: Floats) -> Flags:
 def step_of(thick: int, points: int) -> int:
     """Return the step by which candidates are thinned out, so that winding numbers are needed for at most 3% of points.
 
+    Winding numbers, 0 outside a closed surface and 1 inside, take long to compute.
+
     thick : number of candidates, points that may be near two sheets
     points : number of all points
     """
@@ -127,7 +129,8 @@ def scale_of(numbers: Floats, farther: Floats) -> float | None:
 def is_odd(numbers: Floats) -> Flags:
     """Return which points, (m,) bool, have winding numbers in front and behind that do not add up to 1.
 
-    At a single sheet they add up to 1, outside and inside; at two sheets they do not.
+    The winding number is 0 outside a closed surface and 1 inside. At a single sheet the two add up to 1; at two sheets
+    they do not.
 
     numbers : (m, 2)
     """
@@ -137,7 +140,8 @@ def is_odd(numbers: Floats) -> Flags:
 def is_wrong(rows: Rows, numbers: Floats, positions: Floats, normals: Floats, near: NDArray[np.int32]) -> Flags:
     """Return which normals must be flipped, (m,) bool, as the other sheet lies on the wrong side of them.
 
-    In a thin plate it must be behind, in a thin cavity in front; winding numbers tell which of these it is.
+    In a thin plate it must be behind, in a thin cavity in front; winding numbers (1 inside the surface, 0 outside) tell
+    which of these it is.
 
     rows : (m,) the points
     numbers : (m, 2) their winding numbers in front and behind
@@ -150,7 +154,7 @@ def is_wrong(rows: Rows, numbers: Floats, positions: Floats, normals: Floats, ne
 def energy(numbers: Floats) -> Floats:
     """Return the summed squared distances of winding numbers in front and behind, (m, 2), from the nearer of 0 and 1.
 
-    Normals with the right signs give small values.
+    The winding number is 1 inside a closed surface and 0 outside; normals with the right signs give small values.
     """
     squares: Floats = np.minimum(numbers**2, (numbers - 1) ** 2)
     return squares[:, 0] + squares[:, 1]
@@ -159,7 +163,9 @@ def energy(numbers: Floats) -> Floats:
 def is_unsure(before: Floats, after: Floats) -> Flags:
     """Return where winding numbers do not decide whether a normal should be flipped, (m,) bool.
 
-    before, after : (m, 2) numbers in front and behind, before and after flipping
+    A winding number is 1 inside a closed surface and 0 outside.
+
+    before, after : (m, 2) winding numbers in front of the points and behind, before and after flipping the normals
     """
     return np.asarray(np.abs((before + after).sum(axis=1) / 2 - 1) <= LOOSE)
 
@@ -191,6 +197,8 @@ class _Field:
     def around(self, rows: Rows, step: float = STEP) -> Floats:
         """Return the winding numbers `step` spacings in front of some points and behind them, (m, 2).
 
+        They are 0 outside the surface and 1 inside, once `is_closed` has scaled them.
+
         rows : (m,) the points
         """
         return self._winding.around(rows, step)
@@ -212,7 +220,8 @@ class _Field:
 def orient_thin_sheets(positions: Floats, normals: Floats, near: NDArray[np.int32], residuals: Floats) -> None:
     """Flip normals, in place, that face the wrong way where two sheets of a closed surface are close together.
 
-    Neighbours are no guide in such plates and cavities, as many belong to the other sheet. Winding numbers decide.
+    Neighbours are no guide in such plates and cavities, as many belong to the other sheet. Winding numbers (0 outside
+    the surface, 1 inside) decide.
 
     Parameters
     ----------
@@ -237,7 +246,9 @@ def orient_thin_sheets(positions: Floats, normals: Floats, near: NDArray[np.int3
 
 
 def _suspects(field: _Field, rows: Rows) -> Rows:
-    """Return the rows of points at which winding numbers show two sheets, and of neighbours around them.
+    """Return the rows of points at which winding numbers show two sheets, and of their neighbours.
+
+    At a single sheet, the numbers in front of the point and behind it are 0 and 1.
 
     rows : (m,) candidates
     """
@@ -251,10 +262,10 @@ def _suspects(field: _Field, rows: Rows) -> Rows:
 
 
 def _turn(field: _Field, rows: Rows) -> None:
-    """Flip wrong normals of some rows, in place, by winding numbers.
+    """Flip wrong normals of some rows, in place, by winding numbers (0 outside the surface, 1 inside).
 
-    Flips that bring the numbers around them no closer to 0 and 1 are undone. Where the numbers do not decide, normals
-    follow those of neighbours.
+    Flips that bring the numbers of the point and its neighbours no closer to 0 and 1 are undone. Where the numbers do
+    not decide, normals follow those of neighbours.
     """
     before = field.around(rows)
     turned = rows[is_wrong(rows, before, field.positions, field.normals, field.near)]

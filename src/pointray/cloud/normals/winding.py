@@ -33,6 +33,8 @@ NUMBERS = 8  # floats of a node: centre, dipole, radius, area
 class Frame(NamedTuple):
     """Coordinates in which winding numbers are computed, so that squares neither overflow nor vanish.
 
+    A winding number is 0 outside a closed surface and 1 inside.
+
     origin : (3,) float32
     size : largest extent of the cloud, which becomes 1
     """
@@ -48,6 +50,8 @@ class Frame(NamedTuple):
 
 class Splats(NamedTuple):
     """Points for winding numbers, in whole tiles: ranges of 4,096 points in kd order, fewer in a cloud's last one.
+
+    A winding number is 0 outside a closed surface and 1 inside.
 
     positions : (n, 3) float32, scaled to an extent of 1
     normals : (n, 3) float32, unit
@@ -100,7 +104,7 @@ def _distance(one: Array, i: int, other: Array, j: int) -> float:
 def _combine(nodes: Array, t: int, one: int, two: int) -> None:
     """Compute node t of a tree of dipoles from its children, nodes `one` and `two`.
 
-    A dipole approximates what distant points contribute to a winding number.
+    A dipole approximates what distant points contribute to a winding number (0 outside a surface, 1 inside).
 
     nodes : (m, 8) centre, dipole, radius and area of each node; node t is zero
     """
@@ -231,6 +235,8 @@ def _below(t: int, tops: int, slots: Array, needed: Array) -> int:
 def _wind(work: Array, rows: Array, splats: Arrays, trees: Arrays, step: float, out: Array, needed: Array) -> None:
     """Write the winding numbers a step in front of some points and behind them, both in one traversal.
 
+    They are 0 outside the surface and 1 inside, if the spacings are scaled accordingly.
+
     Only some tiles, ranges of 4,096 points, are loaded.
 
     work : gives each thread its next tile, 256 rows
@@ -301,7 +307,7 @@ class Winding:
 
     @classmethod
     def of(cls, splats: Splats) -> Winding:
-        """Prepare winding numbers of a whole cloud in memory, given as points with normals and areas."""
+        """Prepare winding numbers (0 outside, 1 inside) of a whole cloud in memory: points with normals and areas."""
         trees, tiles = trees_of(splats), -(-len(splats.positions) // TILE)
         winding = cls(top_of(trees[1::NODES]), tiles, lambda _: splats)
         winding._set_loaded(np.arange(tiles), splats, trees)
@@ -309,6 +315,8 @@ class Winding:
 
     def around(self, rows: Rows, step: float) -> Floats:
         """Return the winding numbers `step` point spacings in front of some points and behind them, (m, 2).
+
+        They are 0 outside the surface and 1 inside, if the spacings are scaled accordingly.
 
         Tiles that are not loaded are read where they are needed.
 

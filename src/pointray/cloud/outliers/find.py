@@ -104,6 +104,7 @@ def find_strays(points: Points, viewpoint: ArrayLike | None = None, progress: St
 def merge_layers(points: Points, viewpoint: ArrayLike | None = None, progress: StageProgress | None = None) -> Points:
     """Move the points of sparse second layers onto the surface next to them; other points are unchanged.
 
+    A second layer is a duplicate of a surface in front of it or behind it, such as from a misaligned scan.
     If each point's scan and scanner are known, equally dense scans that do not fit each other are moved onto their mean
     as well.
 

@@ -58,7 +58,9 @@ class FloorSearch:
         self._verdicts, self._details = np.zeros(n, np.float32), np.zeros((n, 5), np.float32)
 
     def examine(self, groups: Rows, progress: Progress | None = None, is_exact: bool = False) -> Rows:
-        """Fit surfaces around groups of points, and return the rows that certainly lie off them, in a second layer.
+        """Fit surfaces around groups of points; return the rows that certainly lie off them, in a second layer.
+
+        A second layer is a duplicate of a surface, such as from a misaligned scan.
 
         groups : (g,) ascending numbers of groups; group g holds the four rows from 4 g on
         is_exact : whether surrounding groups are fitted as well: the result then depends on no earlier call
@@ -98,7 +100,9 @@ class FloorSearch:
 
 
 def _in_layer(details: Floats) -> Flags:
-    """Return which points are near enough to their surface for a second layer, with others next to them, (n,) bool.
+    """Return which points may lie in a second layer of a surface, a duplicate of it from a misaligned scan, (n,) bool.
+
+    Such points are near enough to the surface, with others next to them.
 
     details : (n, 5) offset to the surface, x y z; its point spacing; number of neighbours on the point's side of it
     """

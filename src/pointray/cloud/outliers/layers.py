@@ -33,7 +33,8 @@ class Part(NamedTuple):
     total : number of its distinct positions
     numbers : (m,) int64, place in its kd order of each position of the part, in order
     statistics : statistics of the whole cloud
-    blocks : numbers of the ranges of its kd order that show second layers, see `LayerSearch`; None: they are searched
+    blocks : numbers of the ranges of its kd order that contain second layers (duplicates of a surface, from
+        misaligned scans); None: they are searched
     ignored : indices of scanner positions to ignore; None: found from the points
     """
 
@@ -47,7 +48,9 @@ class Part(NamedTuple):
 def merge_for_model(
     points: Points, progress: Progress | None = None, ordering: KdOrdering | None = None, part: Part | None = None
 ) -> Points:
-    """Move the points of second layers and misaligned scans onto one surface; return `points` itself if nothing moves.
+    """Move second layers (duplicates of a surface, from misaligned scans) onto the surface.
+
+    Return `points` itself if nothing moves.
 
     Unlike `merge_layers` this examines the cloud closely only where a few ranges of the kd order show layers, and moves
     only groups of at least 50 points: a surface without layers is unchanged, to the bit.
@@ -75,6 +78,8 @@ def merge_for_model(
 
 def _shifts(points: Points, ordering: KdOrdering, part: Part, progress: Progress | None) -> Floats | None:
     """Return how positions in second layers move onto the surface, (n, 3), 0 for others; None if there are no layers.
+
+    A second layer is a sparse duplicate of a surface, from a misaligned scan.
 
     part : the cloud that the points are a part of
     """

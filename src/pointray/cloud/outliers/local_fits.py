@@ -104,7 +104,7 @@ def _survey(
 
 @kernel
 def _share(work: Array, rows: Array, about: Array, near: Array, out: Array) -> None:
-    """Write the noise typical around each row: the median of noise over spacing of its neighbours, times its spacing.
+    """Write the noise at each row: the median of noise over spacing of its neighbours, times the row's own spacing.
 
     work : gives each thread its next tile, 256 rows
     rows : (m,)
@@ -172,7 +172,10 @@ class LocalSurfaceFits:
             report_progress(progress, min((start + ROWS) / len(groups), 1.0))
 
     def shared(self, rows: Rows) -> Floats:
-        """Return the noise typical around some rows, (m,): the median over neighbours, as fits vary by a tenth."""
+        """Return the noise at some rows, (m,): the median of noise / spacing of their neighbours, times their spacing.
+
+        Noise is the standard deviation of points from their surface; that of a single fit may be off by a tenth.
+        """
         out = np.empty(len(rows), np.float32)
         run(_share, -(-len(rows) // CHUNK), rows, self._about, self.near, out)
         return out

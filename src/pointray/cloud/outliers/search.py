@@ -1,7 +1,7 @@
-"""Search for second layers by blocks of the kd order, continuing with adjacent blocks as long as layers go on.
+"""Search for second layers by ranges of the kd order, continuing with adjacent ranges as long as layers go on.
 
-The result for a block depends only on the points in and around it, not on earlier blocks. A cloud in parts thus
-examines the same blocks as the whole.
+The result for a range depends only on the points in and around it, not on earlier ranges. A cloud in parts thus
+examines the same ranges as the whole.
 """
 
 from __future__ import annotations
@@ -22,16 +22,18 @@ SEEDS = 0.5  # progress if no layer is found
 def block_size(total: int) -> int:
     """Return how many consecutive points in kd order are searched for second layers at once: a power of two to 2,048.
 
+    Second layers are sparse duplicates of a surface, beside it, from misaligned scans.
+
     total : points of the cloud
     """
     return RANGE << min(max(total // SAMPLE, 1).bit_length() - 1, SHARE.bit_length() - 1)
 
 
 class LayerSearch:
-    """Search for second layers (misaligned scans near a surface) by blocks of the kd order of a cloud.
+    """Search for second layers, duplicates of a surface from misaligned scans, by ranges of the kd order of a cloud.
 
-    A block, up to 2,048 consecutive points, is examined if a few points in its middle show a layer, or if a layer
-    continues from an adjacent block.
+    A range, up to 2,048 consecutive points, is examined if a few points in its middle lie in such a layer, or if a
+    layer continues into it from a range that has been examined.
 
     Parameters
     ----------
@@ -51,21 +53,29 @@ class LayerSearch:
         self._is_seed = starts % size // RANGE == size // RANGE // 2
 
     def seeds(self, progress: Progress | None = None) -> Rows:
-        """Return the numbers of the ranges of the kd order in whose middle points lie in a second layer, ascending."""
+        """Return the numbers of the ranges of the kd order in whose middle points lie in a second layer, ascending.
+
+        A second layer is a sparse duplicate of a surface, from a misaligned scan. The search begins in these ranges.
+        """
         off = self._off(np.flatnonzero(self._is_seed), False, progress)
         self._floor_search.forget()
         return np.unique(self._blocks[off // RANGE])
 
     def open(self, blocks: Rows, progress: Progress | None = None) -> Rows:
-        """Examine all points of some blocks; return the blocks in which their second layers may continue.
+        """Examine all points of some ranges of the kd order; return the ranges to examine next.
 
-        blocks : numbers of ranges of the cloud's kd order, as is the result
+        These are the ranges with neighbours of points found in a second layer (a duplicate of a surface from a
+        misaligned scan), which may continue there. They can include ranges that were examined before.
+
+        blocks : numbers of the ranges to examine, as the result
         """
         off = self._off(np.flatnonzero(np.isin(self._blocks, blocks)), True, progress)
         return np.unique(self._blocks[self._floor_search.fits.near[off].ravel() // RANGE])
 
     def examine_all(self, progress: Progress | None = None) -> None:
         """Examine all ranges of the kd order that show second layers, and those in which the layers continue.
+
+        A second layer is a sparse duplicate of a surface, from a misaligned scan.
 
         `FloorSearch.floors` then returns the results.
         """
@@ -79,6 +89,8 @@ class LayerSearch:
 
     def _off(self, ranges: Rows, is_exact: bool, progress: Progress | None) -> Rows:
         """Examine some ranges of 64 points; return the rows that lie in a second layer, where a range has at least two.
+
+        A second layer is a sparse duplicate of a surface, from a misaligned scan.
 
         is_exact : whether the result must not depend on ranges examined earlier
         """

@@ -54,6 +54,7 @@ def operation(typing: Any) -> Callable[[Callable[..., Any]], Any]:
 def item_pointer(code: Code, array: int, values: Any) -> Any:
     """Emit code for the address of an item of an array, and return that LLVM value.
 
+    code : where LLVM instructions are emitted
     array : position of the array among the arguments of the call, by which its type is looked up
     values : LLVM values of the array and of the index
     """

@@ -12,7 +12,7 @@ from .vector import D8, F8, F16, I8, I16, broadcast, shuffle
 
 @operation(D8(F16))
 def widen_low(code: Code, vector: Any) -> Any:
-    """Convert lanes 0 to 7 of 16 float32 to float64."""
+    """Convert lanes 0 to 7 of 16 float32 to float64. code : where LLVM instructions are emitted"""
     return code.builder.fpext(shuffle(code, vector, vector, range(8)), D8.llvm)
 
 

@@ -22,6 +22,7 @@ _EVEN, _ODD = ([4 * quarter + k for quarter in (p, p + 2, p + 4, p + 6) for k in
 def _pointers(code: Code, values: tuple[Any, ...], size: int) -> list[Any]:
     """Emit code for the addresses of 16 items of a flat array, one for each lane, and return these LLVM values.
 
+    code : where LLVM instructions are emitted
     values : LLVM values of the array, of an index array, of start and of stride
     size : numbers per item; the item of lane k begins at array[size * index[start + k * stride]]
     """
@@ -35,7 +36,10 @@ def _pointers(code: Code, values: tuple[Any, ...], size: int) -> list[Any]:
 
 
 def _load_each(code: Code, pointers: list[Any]) -> Any:
-    """Emit code for a vector of the numbers at 16 addresses."""
+    """Emit code for a vector of the numbers at 16 addresses.
+
+    code : where LLVM instructions are emitted; pointers : LLVM values of the addresses
+    """
     out = ir.Constant(F16.llvm, ir.Undefined)
     for lane, pointer in enumerate(pointers):
         out = code.builder.insert_element(out, code.builder.load(pointer), INT(lane))

@@ -13,7 +13,7 @@ from .vector import F4, F8, F16, FLAGS, I16, INT, Vector, broadcast, shuffle
 
 @operation(F8(types.float32))
 def broadcast8(code: Code, value: Any) -> Any:
-    """Repeat a number in all 8 lanes."""
+    """Repeat a number in all 8 lanes. code : where LLVM instructions are emitted"""
     return broadcast(code, value, F8)
 
 
@@ -24,7 +24,10 @@ def broadcast16(code: Code, value: Any) -> Any:
 
 
 def _four(code: Code, values: tuple[Any, ...], element: Any) -> Any:
-    """Emit code for a vector of four LLVM values, and return it. element : LLVM type of a lane"""
+    """Emit code for a vector of four LLVM values, and return its LLVM value.
+
+    code : where LLVM instructions are emitted; element : LLVM type of a lane
+    """
     four = ir.Constant(ir.VectorType(element, 4), ir.Undefined)
     for lane, value in enumerate(values):
         four = code.builder.insert_element(four, value, INT(lane))
@@ -64,7 +67,10 @@ def vmax(code: Code, a: Any, b: Any) -> Any:
 
 
 def _llvm_unary(code: Code, name: str, a: Any) -> Any:
-    """Emit a call of an LLVM function of a float32, or of each lane of a vector. name : fabs or sqrt"""
+    """Emit a call of an LLVM function of a float32, or of each lane of a vector.
+
+    code : where LLVM instructions are emitted; name : fabs or sqrt
+    """
     kind = code.types.args[0]
     llvm, suffix = (kind.llvm, f"v{kind.lanes}f32") if isinstance(kind, Vector) else (ir.FloatType(), "f32")
     called = ir.FunctionType(llvm, [llvm])
@@ -172,7 +178,10 @@ def lane(code: Code, vector: Any, index: Any) -> Any:
 
 
 def _reduce(code: Code, name: str, vector: Any) -> Any:
-    """Emit a reduction of all lanes of a vector to one float32. name : fmin or fmax"""
+    """Emit a reduction of all lanes of a vector to one float32.
+
+    code : where LLVM instructions are emitted; name : fmin or fmax
+    """
     kind = code.types.args[0]
     called = ir.FunctionType(ir.FloatType(), [kind.llvm])
     name = f"llvm.vector.reduce.{name}.v{kind.lanes}f32"
@@ -193,7 +202,10 @@ def reduce_max(code: Code, vector: Any) -> Any:
 
 
 def _fold(code: Code, value: Any, steps: tuple[int, ...]) -> Any:
-    """Emit sums of lanes: for each step in turn, add to lane k of a vector of 16 the lane k ^ step."""
+    """Emit sums of lanes: for each step in turn, add to lane k of a vector of 16 the lane k ^ step.
+
+    code : where LLVM instructions are emitted
+    """
     for step in steps:
         swapped = shuffle(code, value, value, [lane ^ step for lane in range(16)])
         value = code.builder.fadd(value, swapped, flags=FLAGS)
@@ -213,7 +225,10 @@ def sum_over_lanes(code: Code, vector: Any) -> Any:
 
 
 def _repeat_quarter(code: Code, vector: Any, quarter: int) -> Any:
-    """Emit code for a vector of 16 that repeats one quarter (four lanes), 0 to 3, of another."""
+    """Emit code for a vector of 16 that repeats one quarter (four lanes), 0 to 3, of another.
+
+    code : where LLVM instructions are emitted
+    """
     return shuffle(code, vector, vector, [4 * quarter + lane % 4 for lane in range(16)])
 
 

@@ -16,7 +16,10 @@ from .vector import D8, F4, F8, F16, I16, INT, Vector, broadcast, shuffle
 
 
 def _vector_pointer(code: Code, array: Any, index: Any, vector: Vector) -> Any:
-    """Emit code for the address of array[index] as that of a vector. array : the first argument of the call"""
+    """Emit code for the address of array[index] as that of a vector.
+
+    code : where LLVM instructions are emitted; array : the first argument of the call
+    """
     return code.builder.bitcast(item_pointer(code, 0, (array, index)), vector.llvm.as_pointer())
 
 

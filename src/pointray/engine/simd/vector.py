@@ -48,13 +48,19 @@ class _VectorModel(models.PrimitiveModel):
 
 
 def broadcast(code: Code, value: Any, vector: Vector) -> Any:
-    """Emit code for a vector with a scalar in every lane, and return its LLVM value. vector : its type"""
+    """Emit code for a vector with a scalar in every lane, and return its LLVM value.
+
+    code : where LLVM instructions are emitted; vector : type of the vector
+    """
     one = code.builder.insert_element(ir.Constant(vector.llvm, ir.Undefined), value, INT(0))
     return shuffle(code, one, one, [0] * vector.lanes)
 
 
 def shuffle(code: Code, a: Any, b: Any, lanes: Sequence[int]) -> Any:
-    """Emit code for a vector of selected lanes of two vectors. lanes : their numbers; those of b follow those of a"""
+    """Emit code for a vector of selected lanes of two vectors.
+
+    code : where LLVM instructions are emitted; lanes : their numbers; those of b follow those of a
+    """
     return code.builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(INT, len(lanes)), list(lanes)))
 
 

@@ -103,7 +103,7 @@ def near_in(cloud: Cloud, local: Local, core: slice | Rows, count: int) -> NDArr
 
     Neighbours are indices into the points of `local`.
 
-    cloud : positions are those after moving second layers, if this was done
+    cloud : positions are those after moving second layers (duplicates) onto their surface, if this was done
     local : rows of the part and its margin, in which neighbours are searched
     core : the m points, as a slice or an array of indices into `local`
     count : k; if `local` has fewer points, k is their number
@@ -131,7 +131,7 @@ def turn_fits(work: Work, cloud: Cloud, has_planes: bool, span: Span) -> None:
     """Write the fitted normals of a cloud with consistent, outward signs to the column `FACED`, unless already done.
 
     has_planes : whether planes were fitted to noisy points; if so, signs are chosen for the normals of these planes,
-        and each fitted normal gets the sign with which it faces like the planes around it
+        and each fitted normal gets the sign with which it faces, on average, the side of its neighbours' planes
     span : begin and end of this stage, as fractions of all work
     """
     columns = work.columns
@@ -148,7 +148,7 @@ def _turn(work: Work, cloud: Cloud, has_planes: bool, part: int) -> None:
     """Write the fitted normals of a part with their signs to the column `FACED`.
 
     has_planes : whether the known signs are those of planes fitted to noisy points; if so, each normal gets the sign
-        with which it faces like the planes around it
+        with which it faces the same side, on average, as the planes of its neighbours
     """
     columns, normals = work.columns, work.read(NORMALS, part)
     if has_planes:

@@ -45,7 +45,7 @@ class SharedValues(NamedTuple):
     """Values that the trees of all parts share at one level of detail, so that rays get the same hits as in one tree.
 
     supports : (6,) float32, bounds of all supports, where the samples along a ray begin
-    reference : radius; steps are powers of two times it
+    reference : 2% quantile of the level's support radii; sample distances are those for it times powers of two
     longest : (parts,) float32, largest radius of each part
     """
 

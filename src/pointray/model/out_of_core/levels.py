@@ -32,7 +32,7 @@ COARSENED, SUPPORTED = 0.3, 0.6  # progress within a level
 
 
 class Steps(NamedTuple):
-    """Functions that make a level of detail: others for a surface than for points drawn as spheres or discs.
+    """Functions that make a level of detail, of a surface or of points drawn as spheres or discs.
 
     cell : grid cell edge that would correspond to the full model; level 1 is made with twice this edge, level 2 with
         four times, and so on

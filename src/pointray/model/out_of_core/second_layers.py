@@ -41,6 +41,8 @@ def find_layers(work: Work, cloud: Cloud, span: tuple[float, float]) -> None:
 def _show(work: Work, cloud: Cloud, part: int) -> Facts:
     """Find second layers in the middles of a part's ranges (up to 2,048 points in kd order), where the search begins.
 
+    A second layer is a duplicate of a surface, from a misaligned scan.
+
     Returns
     -------
     dict
@@ -53,7 +55,7 @@ def _show(work: Work, cloud: Cloud, part: int) -> Facts:
 
 
 def _follow(work: Work, cloud: Cloud, part: int) -> Facts:
-    """Examine the ranges of a part that were newly found to have a second layer.
+    """Examine the ranges of a part that were newly found to have a second layer: a duplicate, from a misaligned scan.
 
     Returns
     -------
@@ -73,7 +75,9 @@ def _blocks_of(work: Work, cloud: Cloud, part: int) -> slice:
 
 
 def _search(cloud: Cloud, local: Local) -> LayerSearch | None:
-    """Return a search for second layers among the points of a part and its margin; None if there are too few points."""
+    """Return a search for second layers (duplicates of a surface, from misaligned scans) among the points of a part.
+
+    The points include those of the part's margin. None if there are too few."""
     ordering = ordering_of(cloud.points(local).positions)
     if len(ordering.positions) < LEAST:
         return None

@@ -80,7 +80,7 @@ class Cloud:
     def points(self, local: Local) -> Points:
         """Return the points of a part and its margin, at their current positions and with their current normals.
 
-        Current are those after moving second layers and recomputing signs, if these stages are done.
+        Current are those after moving second layers (duplicates of a surface) and recomputing signs, if that is done.
         """
         columns = self.columns
         positions = local.read(columns[self.latest(MERGED, POSITIONS)])
@@ -98,7 +98,7 @@ class Surface(NamedTuple):
 
     positions, normals : (n, 3) float32, unit normals
     noise : (n,) float32, standard deviation of the noise that was removed; None: nothing was removed
-    planes : positions moved onto planes fitted to the noisy points around them, and normals of these planes, (n, 3)
+    planes : positions moved onto planes fitted to their 64 nearest points, and normals of these planes, (n, 3)
         float32 each; signs of normals are found from both; None: no planes were fitted
     known : (n,) bool, whether the viewpoint (scanner position) is known; None: none is known
     repaired : number of missing normals, and number of normals that did not have unit length

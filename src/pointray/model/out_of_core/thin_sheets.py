@@ -123,6 +123,8 @@ class ThinSheets:
     def _write_top(self, each: Any, field: Field) -> None:
         """Write to a column the tree over all tiles of 4,096 points, by which winding numbers summarize distant points.
 
+        A winding number is 1 inside a closed surface, 0 outside.
+
         each : calls a function with the number of each part and returns the results
         field : state of the points, by which the column is named
         """
@@ -235,8 +237,8 @@ class ThinSheets:
     def _turn(self, field: Field, part: int) -> bool:
         """Decide which marked points of a part are flipped; write 1 for each of them to the column `TURNS`.
 
-        Marked points may be near two sheets. Their winding numbers and the side of the other sheet decide; the winding
-        numbers are stored. Returns whether the part has any marked points.
+        Marked points may be near two sheets. Their winding numbers (1 inside, 0 outside) and the side of the other
+        sheet decide; the winding numbers are stored. Returns whether the part has any marked points.
         """
         rows = np.flatnonzero(self._suspects(part))
         numbers = self._around(field, rows + self._work.part_rows(part).start)

@@ -36,7 +36,7 @@ class Plan(NamedTuple):
     size : number of splats of each part, a power of two; the last part may have fewer
     groups : bounds of each 64 consecutive blocks of the whole model
     supports : (6,) float32, box around all supports; the samples along a ray start where the ray enters this box
-    reference : a support radius; distances between samples are those for this radius times powers of two
+    reference : 2% quantile of the model's support radii; sample distances are those for it times powers of two
     """
 
     size: int

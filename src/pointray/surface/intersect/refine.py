@@ -75,7 +75,7 @@ class Pair(NamedTuple):
 
 
 class Foot(NamedTuple):
-    """Normal at a root of f and its distance from the splats, which decide whether the root is a hit.
+    """Unnormalized normal at a root of f and its distance from the splats, which decide whether the root is a hit.
 
     nx, ny, nz : direction in which f rises, not of unit length
     away : squared distance of the root from the mean centre of the splats around it
@@ -92,7 +92,8 @@ class Root(NamedTuple):
 
     t : t of the root, inf for none; rise : half of the rise of f over the last interval around the root
     joined : mask of the rays for which `foot` is known, interpolated between two close samples
-    foot : normal at the root, and its distance from the splats
+    foot : unnormalized normal at the root, and its squared distance from the mean centre of the splats; they decide
+        whether the root is a hit
     """
 
     t: F16
@@ -173,7 +174,10 @@ def crossing(a: F16, b: F16) -> Mask:
 def foot_of(means: Means, u4: F16) -> Foot:
     """Return at sixteen points the direction in which f rises, and the squared distance from the splats' mean centre.
 
-    means : over the splats near each point; u4 : curvature term of the fitted sphere, 0 except for apss
+    Where a point is a root of f, these decide whether it is a hit, and give its normal.
+
+    means : weighted means over the splats near each point, of their positions, normals and products of these
+    u4 : curvature term of the fitted sphere, 0 except for apss
     """
     bend = TWO * u4
     return Foot(
@@ -186,9 +190,9 @@ def foot_of(means: Means, u4: F16) -> Foot:
 
 @inline
 def unit(foot: Foot) -> tuple[tuple[F16, F16, F16], Mask]:
-    """Return unit normals at roots, and a mask of where they exist: not where normals cancel or are NaN.
+    """Return unit normals at roots of f, and a mask of where they exist: not where normals cancel or are NaN.
 
-    foot : direction in which f rises at each root, not of unit length
+    foot : direction in which f rises at each root, not of unit length (its squared distance is not used)
     """
     square = foot.nx * foot.nx + foot.ny * foot.ny + foot.nz * foot.nz
     scale = ONE / vsqrt(square)
@@ -216,7 +220,7 @@ def _between(foot: Foot, after: Any, share: F16) -> Foot:
 
 @inline
 def choose(mask: Mask, a: Foot, b: Foot) -> Foot:
-    """Return, lane by lane, normal and squared distance at roots: `a` where the mask is set, else `b`."""
+    """Return, lane by lane, normal and squared distance from the splats at roots of f: `a` in the mask, else `b`."""
     return Foot(
         select(mask, a.nx, b.nx), select(mask, a.ny, b.ny), select(mask, a.nz, b.nz), select(mask, a.away, b.away)
     )

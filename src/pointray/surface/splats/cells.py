@@ -171,8 +171,8 @@ class Cells:
     def measure(self, rows: Rows, typical: Floats, void: float) -> Rows:
         """Update `reach`, the distance to the farthest vertex, for cells of `rows`, without vertices across wide gaps.
 
-        typical : (n,) typical distance to a cell's farthest vertex around each point
-        void : vertices up to this many typical distances away count; they lie in the middle of gaps, so wider gaps stay
+        typical : (n,) median of this distance over the 8 nearest points; more for isolated points beside dense ones
+        void : vertices up to this many times the median away count; they lie in the middle of gaps, so wider gaps stay
             open
 
         Returns the rows of the points on no open border.

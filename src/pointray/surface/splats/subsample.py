@@ -60,7 +60,7 @@ class Subsample(NamedTuple):
 
     @property
     def met(self) -> bool:
-        """Whether at least 99.9% of the given cloud's points lie within the tolerance of the chosen points' surface."""
+        """Whether at least 99.9% of the given cloud's points are within the tolerance of the result's surface."""
         return self.within >= SHARE
 
 

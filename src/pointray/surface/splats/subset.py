@@ -154,12 +154,18 @@ def _shifted(seeds: Floats, positions: NDArray[np.floating[Any]], widths: Floats
 
 
 def errors(subset: Subset, tolerance: float) -> Floats:
-    """Return the distance of each point of the cloud from the surface, (n,), in tolerances; 4 for uncovered points."""
+    """Return the distance of each point of the cloud from the surface over the tolerance, (n,); 4 for uncovered points.
+
+    tolerance : largest acceptable distance
+    """
     return np.where(subset.bare, np.float32(BARE), np.abs(subset.distances) / np.float32(tolerance))
 
 
 def worst(subset: Subset, tolerance: float) -> Floats:
-    """Return the largest error among the points that each splat covers, (m,), in tolerances."""
+    """Return the largest distance from the surface, over the tolerance, of the points that each splat covers, (m,).
+
+    tolerance : largest acceptable distance
+    """
     return np.asarray(np.maximum.reduceat(errors(subset, tolerance)[subset.splats.members], subset.splats.starts[:-1]))
 
 
@@ -168,7 +174,8 @@ def shrink_splats(cloud: Cloud, subset: Subset, sizes: Floats, error: float, rat
 
     sizes : (n,) largest radius of a splat at each point
     error : half the largest range of heights of a new splat's points over its plane
-    ratio : (m,) error of each splat of the subset over the tolerance; over 1 the splat is shrunk
+    ratio : (m,) largest distance from the surface of the points that each splat of the subset covers, divided by the
+        tolerance; over 1 the splat is shrunk
 
     Returns the splats that remain together with the new ones, and the reduced sizes (n,).
     """

@@ -210,9 +210,9 @@ def _reach(
     cloud : flat positions and normals; i : the cell's point
     corners : `count` corners of the cell: x, y, and the neighbour behind the side from that corner
     known : three values:
-        typical distance to a cell's farthest vertex around point i
-        that distance around every point, (n,), or empty
-        largest distance of a vertex that counts, in typical distances
+        median over the 8 nearest points of point i of the distance to the farthest vertex of their cells
+        that median for every point, (n,), or empty
+        largest distance of a vertex that counts, divided by the median
     ahead : direction of a possible gap in the surface, or zero
 
     Farther vertices lie across wide gaps and do not count. Each side also counts with its point closest to point i.
@@ -259,14 +259,15 @@ def _measure(
 ) -> None:
     """Write the distance to the farthest vertex of each row's Voronoi cell, and whether the cell is closed.
 
-    A closed cell is one that no farther neighbour could change. With typical distances, the second result is whether
+    A closed cell is one that no farther neighbour could change. If the medians are given, the second result is whether
     the point is on no open border.
 
     rows : (m,) the points; near : (m, k) each point, then its neighbours, nearest first
     known : three values:
         outward directions at possible gaps, flat; may be empty
-        typical distance to a cell's farthest vertex around every point, (n,); may be empty
-        largest distance of a vertex that counts, in typical distances; farther ones lie across wide gaps
+        (n,) for every point the median, over its 8 nearest points, of the distance to the farthest vertex of their
+            cells; may be empty
+        largest distance of a vertex that counts, divided by that median; farther ones lie across wide gaps
     out : (m,) for both results
     """
     positions, normals, rows = borrow(positions), borrow(normals), borrow(rows)
@@ -324,11 +325,12 @@ def measure_cells(
     gaps : (n, 3) float32, optional
         Outward direction for points on a possible border, else zero.
     typical : (n,) float32, optional
-        Typical distance to a cell's farthest vertex around each point. None: every vertex counts. Otherwise a vertex
-        counts if its distance is at most `void` (in the direction of a gap, 1.3) times the typical one, taken at this
-        point or at one of the two points that share the vertex, where the surface may continue more sparsely.
+        Median, over the 8 nearest points of each point, of the distance to the farthest vertex of their cells. None:
+        every vertex counts. Otherwise a vertex counts if its distance is at most `void` (in the direction of a gap,
+        1.3) times the median of this point or of one of the two points that share the vertex, where the surface may
+        continue more sparsely.
     void : float
-        Largest distance of a vertex that counts, in typical distances. A vertex lies in the middle of a gap, so that
+        Largest distance of a vertex that counts, divided by the median. A vertex lies in the middle of a gap, so that
         wider gaps stay open.
 
     Returns

@@ -75,7 +75,7 @@ def limit_wide(
     around : callable
         Returns given rows and their neighbours, (m, k) int32.
     reach_around : (n,) float32
-        Median reach around each point.
+        Median of `reach` over the 8 nearest points of each point, on its own sheet.
     middle : float
         Median reach of all points. Only discs over 3 times as wide are examined.
 
@@ -178,7 +178,7 @@ def _spare(positions: Floats, reach: Floats, supporters: Supporters, typical: np
     reach : (n,) distance to the farthest vertex of each point's Voronoi cell
     supporters : wide discs, and for each similar ones on one sheet with it
     typical : median of `reach` over all points
-    reach_around : (n,) median of `reach` around each point
+    reach_around : (n,) median of `reach` over the 8 nearest points of each point
     """
     crowded = reach > np.maximum(CROWDED * reach_around, NOTICE * typical)
     some = crowded[supporters.rows]

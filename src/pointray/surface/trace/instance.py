@@ -86,10 +86,10 @@ def _some_enter(matrix: ToModel, box: Box, rays: Bits, scratch: Scratch) -> Bits
 
 @inline
 def _all_enter(matrix: ToModel, box: Box, rays: Bits, scratch: Scratch) -> Bits:
-    """Transform all rays of the tile into a model's space; return those of the given rays that hit the model's bounds.
+    """Transform all 64 rays of the tile into a model's space; return which of the given rays hit the model's bounds.
 
     matrix : from the world to the model; box : the model's bounds, sample step and kinds of splats
-    rays : bits of the tile, as the result
+    rays : bits of the rays to test, as the result; all other rays become copies of one that hits
 
     It branches only if some rays of the tile miss: the rays are processed as vectors.
     """

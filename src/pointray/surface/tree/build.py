@@ -51,7 +51,8 @@ class WholeModel(NamedTuple):
 
     top : the nodes above the part's voxels, cut as in the whole tree; groups of blocks are numbered within the part
     bounds : (6,) float32, box around all supports, lo x y z, hi x y z; t is measured from where a ray enters it
-    reference : a support radius; the sample distance of each leaf is that for this radius times a power of two
+    reference : 2% quantile of the support radii of the model; the sample distance of each leaf is that for this radius
+        times a power of two
     """
 
     top: Top

@@ -228,7 +228,8 @@ def fill_leaves(
     settings : (limits, samples, reference, cut), where
         `limits` are the numbers of `limits_of`, which bound how far surface can be from its splats
         `samples` is the number of samples per support diameter
-        `reference` is a support radius; the sample distance of each leaf is that for this radius times a power of two
+        `reference` is the 2% quantile of the model's support radii; the sample distance of each leaf is that for this
+            radius times a power of two
         `cut` is 1; 0, for tests, leaves slabs infinite and boxes as large as their voxels
     out : (nodes, records, patches, tight), where
         `nodes`, (leaves,), is given and holds the numbers of the leaf nodes in `cells`

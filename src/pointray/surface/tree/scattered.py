@@ -236,7 +236,7 @@ def with_scattered(tree: Tree, scattered: Splats, kind: int, threads: int | None
     Parameters
     ----------
     scattered : Splats
-        At least one. Normals are the mean directions of neighbourhoods, or the normals of discs.
+        At least one. Their normals are those of discs or, for spheres, mean directions away from nearby points.
     kind : int
         SPHERES or DISCS.
     """

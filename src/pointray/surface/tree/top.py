@@ -82,7 +82,7 @@ class _Node(NamedTuple):
     """Node at the top of a kd-tree, before it is cut.
 
     roots : range of the roots below the node; a root is a box that one thread cuts into voxels
-    groups : (m,) numbers of the groups of blocks that may overlap the node
+    groups : (m,) numbers of the groups (64 consecutive blocks each) that may overlap the node
     cell : (6,) the node's box, not yet shrunk to the supports of these groups
     parent : number of the parent node, -1 for none; side : 0 or 1, which of the parent's children this is
     """
@@ -106,7 +106,7 @@ def groups_of(blocks: Array, bounds: Array, threads: int | None = None) -> Group
 
 
 def groups_per_root(groups: int) -> int:
-    """Return how many consecutive groups of blocks each root gets. A root is a box that one thread cuts into voxels.
+    """Return how many consecutive groups of 64 blocks each root gets. A root is a box that one thread cuts into voxels.
 
     groups : number of groups of the model
     """
@@ -176,7 +176,7 @@ def cut_top(groups: Groups, step: float, part: range | None = None, within: Doub
 def cells_of_parts(groups: Groups, size: int) -> Doubles:
     """Return the boxes into which the kd-tree of a model divides space among its parts, (parts, 6): lo x y z, hi x y z.
 
-    size : number of groups of each part, a power of two
+    size : number of groups (64 consecutive blocks each) of each part, a power of two
     """
     root_boxes, per_root = _root_boxes(groups)
     most, cells = size // per_root, np.empty((-(-len(groups.longest) // size), 6))
@@ -211,7 +211,7 @@ def _one_root(top: Top) -> Top:
 
 
 def _root_boxes(groups: Groups) -> tuple[Doubles, int]:
-    """Return a box around the positions of each root's splats, (m, 6), and the number of groups of blocks per root.
+    """Return a box around the positions of each root's splats, (m, 6), and the number of groups of 64 blocks per root.
 
     A root is a box that one thread cuts into voxels.
 

@@ -20,7 +20,8 @@ TYPICAL = 1.15  # typical support radius of a surface, in spacings; the `spacing
 class ScatteredPoints(NamedTuple):
     """Scattered points of a model or of a level of detail, with the radii of their spheres or discs.
 
-    points : with directions as normals; radii : (n,) float32
+    points : their normals are those of discs or, for spheres, mean directions away from nearby points
+    radii : (n,) float32
     """
 
     points: Points

@@ -127,7 +127,8 @@ def shapes_of(
 ) -> tuple[Floats, Floats]:
     """Return the radii (n,) and directions (n, 3) of points drawn as spheres or discs.
 
-    The direction of a sphere is the mean direction of its neighbourhood, outwards from the centroid of the neighbours.
+    The direction of a sphere is the mean, over its point and the 8 nearest ones, of unit vectors away from the centroid
+    of the points around each. Shading uses it as a smooth normal.
     The direction of a disc is the normal of its point; without normals, that of the plane through the neighbours, with
     the sign that makes it point outwards too.
 
@@ -205,7 +206,7 @@ def _at_places(places: Floats, some: Rows, sampled: Rows, statistics: CloudStati
 def _across(places: Floats, outwards: Floats) -> Floats:
     """Return normals of the planes through the neighbours of positions, for discs, on the side of `outwards`, (n, 3).
 
-    places : (n, 3) in kd order; outwards : (n, 3) directions in which their neighbourhoods are open
+    places : (n, 3) in kd order; outwards : (n, 3) unit directions away from the centroids of their neighbours
     """
     if len(places) <= FLAT:
         return outwards
