@@ -9,7 +9,7 @@ import pytest
 from helpers.architecture import PACKAGE, TOWER, arrows
 from helpers.places import ROOT
 
-MOST_LINES = 158  # of ARCHITECTURE.md
+MOST_LINES = 162  # of ARCHITECTURE.md
 ARCHITECTURE = (ROOT / "ARCHITECTURE.md").read_text()
 DOCUMENTS = [
     *sorted(ROOT.glob("*.md")),
