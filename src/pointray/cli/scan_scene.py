@@ -181,8 +181,10 @@ class ScanScene:
     def _front(self, model: Any, scan: Any) -> float | None:
         """Return the azimuth in degrees of the view for which the key light of the default lights is fixed.
 
-        It is fixed if light is baked; None: it follows the camera. In rooms and models in parts light is baked only on
+        It is fixed if light is baked; None: it follows the camera. Indoor scans and models in parts are baked only on
         request: otherwise this method turns baking off.
+
+        scan : the `auto_view.first_view.Scan` of the model, which knows its default view
         """
         if self._baked is None:
             return None

@@ -173,7 +173,7 @@ def examine_rows(
     (m, 6) float32
         Verdict; offset to the surface, x y z; the surface's point spacing; number of neighbours on the row's side of
         the surface. Verdicts are `OFF` (certainly off the surface), `MAYBE` (off only if at least one point next to the
-        row is `OFF`) and `DOUBT` (off only if at least two are).
+        row is `OFF`) and `DOUBT` (all other rows: off only if at least two are).
     """
     out = np.zeros((len(rows), 6), np.float32)
     for start in range(0, len(rows), ROWS):

@@ -206,9 +206,10 @@ def _make_columns(fine: Layer, coarse: Layer) -> None:
 
 
 def make_columns(fine: Layer, coarse: Layer) -> None:
-    """Create the columns on disk that all levels of detail have: of a surface, and of points drawn as spheres or discs.
+    """Create the columns on disk of a new level of detail, both of its surface and of points drawn as spheres or discs.
 
-    fine : the finer level, which decides on colours, noise and attributes; coarse : the level
+    fine : the next finer level; only if it has colours, noise of splats or attributes, the new one has them
+    coarse : the new level
     """
     coarse.make_boxes()
     for name in (NORMALS, POSITIONS):

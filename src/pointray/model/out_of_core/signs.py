@@ -166,7 +166,9 @@ class Signs:
         return shared
 
     def examine(self, local: Local, part: int, firsts: Rows, shared: Shared) -> Outlook:
-        """Return which groups within a part face inward, and a sample of the points of groups that leave the part.
+        """Return which groups within a part have normals that face into the body that the points enclose.
+
+        Groups that continue in other parts are decided once all parts are examined, by the returned sample of points.
 
         A piece is a set of points with reliable relative signs, a group a set of connected pieces with consistent
         signs.
