@@ -18,7 +18,7 @@ from pointray.io.files import request_of
 from pointray.io.selection import Selection
 from pointray.model.model import PrebuiltModel
 from pointray.model.model_folder import INDEX
-from pointray.model.out_of_core import level_steps as coarser, levels
+from pointray.model.out_of_core import level_steps as coarser
 from pointray.model.out_of_core.prepare import prepare
 from pointray.model.out_of_core.split import split
 from pointray.model.out_of_core.trees import cells_of, plan_of, shown, tree_within
@@ -240,8 +240,8 @@ def test_a_repeatedly_interrupted_run_can_be_resumed(tmp_path: Path, monkeypatch
     """Levels are built once, wherever the work was interrupted."""
     points, calls = pr.procedural("torus", 80_000), []
     for name in ("show_part", "coarsen_part", "support_part", "tree_part"):
-        work = getattr(levels, name)
-        monkeypatch.setattr(levels, name, lambda *rest, work=work: calls.append(rest) or work(*rest))
+        work = getattr(coarser, name)
+        monkeypatch.setattr(coarser, name, lambda *rest, work=work: calls.append(rest) or work(*rest))
     large(points, tmp_path / "whole.pointray")
     put, left, all_calls = Columns.put, [0], len(calls)
 
