@@ -109,6 +109,7 @@ def made_clouds(seed=1000):
 
 
 @pytest.mark.scans
+@pytest.mark.slow
 def test_sixty_clouds_stand_upright():
     wrong = [name for clouds in (shared_clouds(), made_clouds()) for name, points, up in clouds if up_of(points) != up]
     assert len(UP) + len(MADE) >= 60 and len(wrong) <= 2, wrong
