@@ -105,7 +105,7 @@ def _lacks_memory(error: BaseException | None) -> bool:
 
 def _usage(error: Any) -> str:
     """Return the message of an error of Typer, with the most similar option if one is misspelt."""
-    from ..scenefile.spelling import did_you_mean
+    from ..base.spelling import did_you_mean
 
     if hasattr(error, "possibilities"):
         return f"{error.message}{did_you_mean(error.option_name, error.possibilities or ())}"
@@ -114,7 +114,7 @@ def _usage(error: Any) -> str:
 
 def _reason(error: OSError | ValueError) -> str:
     """Return the message of an error, with the most similar name if a file or an attribute of points is misspelt."""
-    from ..scenefile.spelling import did_you_mean, suggest_file
+    from ..base.spelling import did_you_mean, suggest_file
 
     if isinstance(error, OSError) and error.strerror:
         if not error.filename:

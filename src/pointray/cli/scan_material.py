@@ -56,8 +56,8 @@ class ScanMaterial:
         up : (3,) up direction, along which points are coloured by height; None: not yet known, z is assumed
         """
         from ..auto_view.studio import CLAY, NEUTRAL
+        from ..base.spelling import did_you_mean
         from ..scene.paints import check_attribute
-        from ..scenefile.spelling import did_you_mean
         from ..shade.attributes import COORDINATES
         from ..shade.materials.diffuse import Diffuse
         from ..shade.materials.phong import Phong

@@ -1,7 +1,7 @@
 """Scene files: whole scenes as TOML, whose keys are the names of Python classes and parameters.
 
 source, lines : the text, and the line of each key
-words : the keys of a table, from the signatures of Python classes and functions; spelling : suggestions
+words : the keys of a table, from the signatures of Python classes and functions
 shading, models, instances, light : the parts of a scene, first checked, then built
 plan : the whole file
 

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from ..base.atomic_write import check_regular
+from ..base.spelling import suggest_file
 from .lines import Key, line_of
-from .spelling import suggest_file
 
 
 class Source:

@@ -8,10 +8,10 @@ import reprlib
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
+from ..base.spelling import did_you_mean
 from ..shade.attributes import Attribute
 from .lines import Key
 from .source import Source
-from .spelling import did_you_mean
 
 LARGEST = 1e18  # the square of a larger number overflows float32
 
