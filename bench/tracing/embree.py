@@ -1,12 +1,14 @@
 """Compare the speed of pointray with Embree's oriented discs: the same points, radii and rays, in turn, in one run.
 
     python -m bench.tracing.embree [--points 1000000 32000] [--size 512] [--runs 9] [--threads 2] [--mesh MESH]
-        [--reach 1.25] [scan.ply ...]
+        [--reach 1.25] [--level v3] [scan.ply ...]
 
 Each cloud is traced in the far and near views of `pointray.cli.benchmark.views`, by shadow rays from all hits of the
 far view to a point light, and by one diffuse bounce from each of them. The program prints million rays a second of
 both, the ratio (medians of alternating runs; Embree's faster query counts), the fractions of hits, and the frame rate
 of the first cloud against the second.
+
+With --level both use the instructions of an older processor: v3 is AVX2, v2 SSE4.2.
 
 Both use pointray's own radii, or with --reach a multiple of the distance to the eighth neighbour, a common rule for
 discs.
@@ -26,6 +28,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import pointray as pr
+from bench.helpers.levels import EMBREE, add_level, restart_at
 from bench.tracing.embree_peers import ABSENT, Discs, Mesh, Peer, available, tile_order
 from bench.tracing.views import bounce_rays, shadow_rays
 from pointray.cli.benchmark.views import far_view, near_view
@@ -190,10 +193,11 @@ def beside(name: str, points: pr.Points, radii: np.ndarray | None, options: argp
         radii = options.reach * neighbors(points.positions, 9)[0][:, -1]
     model = pr.Model(points, radii, surface=options.surface, scatter="surface")
     ours = Ours(model)
-    peers: dict[str, Peer] = {"discs": Discs(points.positions, points.normals, model.radii)}
+    config = EMBREE.get(options.level, "")
+    peers: dict[str, Peer] = {"discs": Discs(points.positions, points.normals, model.radii, config)}
     if options.mesh:
         vertices, faces = mesh_of(options, points)
-        peers["mesh"] = Mesh(vertices, faces)
+        peers["mesh"] = Mesh(vertices, faces, config)
         print(f"mesh: {len(vertices):,} vertices, {len(faces):,} triangles")
     print(f"{name}: {len(points):,} points, surface {model.surface}, {options.size}x{options.size}")
     print("          million rays/s:   pointray   Embree          ratio        hits   Embree")
@@ -222,7 +226,9 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=9)
     parser.add_argument("--surface", default=None)
     parser.add_argument("--threads", type=int, default=2)
+    add_level(parser)
     options = parser.parse_args()
+    restart_at(options.level, "bench.tracing.embree")
     warnings.simplefilter("ignore")
     if not available():
         print(ABSENT)

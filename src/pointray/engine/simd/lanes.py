@@ -23,6 +23,72 @@ def broadcast16(code: Code, value: Any) -> Any:
     return broadcast(code, value, F16)
 
 
+@operation(lambda number, like: like(types.float32, like))
+def number_like(code: Code, number: Any, like: Any) -> Any:
+    """Repeat a number in as many lanes as another vector has. code : where LLVM instructions are emitted"""
+    return broadcast(code, number, code.types.return_type)
+
+
+def _half(vector: Any) -> Any:
+    """Return the Numba signature of a function that takes half of a vector's lanes."""
+    return Vector(vector.kind, vector.lanes // 2)(vector)
+
+
+@operation(_half)
+def low_half(code: Code, vector: Any) -> Any:
+    """Return the first half of a vector's lanes."""
+    return shuffle(code, vector, vector, range(code.types.return_type.lanes))
+
+
+@operation(_half)
+def high_half(code: Code, vector: Any) -> Any:
+    """Return the second half of a vector's lanes."""
+    lanes = code.types.return_type.lanes
+    return shuffle(code, vector, vector, range(lanes, 2 * lanes))
+
+
+@operation(lambda low, high: Vector(low.kind, 2 * low.lanes)(low, high))
+def join_halves(code: Code, low: Any, high: Any) -> Any:
+    """Return a vector with the lanes of `low`, then those of `high`, which has as many."""
+    return shuffle(code, low, high, range(code.types.return_type.lanes))
+
+
+@operation(F8(F8))
+def swap_halves(code: Code, vector: Any) -> Any:
+    """Return the last four of 8 lanes, then the first four."""
+    return shuffle(code, vector, vector, [*range(4, 8), *range(4)])
+
+
+@operation(F8(F16))
+def middle_half(code: Code, vector: Any) -> Any:
+    """Return the second and the third quarter of a vector of 16."""
+    return shuffle(code, vector, vector, range(4, 12))
+
+
+@operation(F8(F16))
+def outer_half(code: Code, vector: Any) -> Any:
+    """Return the first and the last quarter of a vector of 16."""
+    return shuffle(code, vector, vector, [*range(4), *range(12, 16)])
+
+
+@operation(F16(F8, F8))
+def put_around(code: Code, outer: Any, middle: Any) -> Any:
+    """Return a vector of 16 with the first four lanes of `outer`, all of `middle`, and the last four of `outer`."""
+    return shuffle(code, outer, middle, [*range(4), *range(8, 16), *range(4, 8)])
+
+
+@operation(F16(F8))
+def extend_quarter(code: Code, half: Any) -> Any:
+    """Return a vector of 16 with the given 8 lanes, followed by the last four of them twice."""
+    return shuffle(code, half, half, [lane if lane < 8 else 4 + lane % 4 for lane in range(16)])
+
+
+@operation(F16(F8))
+def extend_lane(code: Code, half: Any) -> Any:
+    """Return a vector of 16 with the given 8 lanes, followed by the last of them eight times."""
+    return shuffle(code, half, half, [min(lane, 7) for lane in range(16)])
+
+
 def _four(code: Code, values: tuple[Any, ...], element: Any) -> Any:
     """Emit code for a vector of four LLVM values, and return its LLVM value.
 
@@ -204,6 +270,8 @@ def reduce_max(code: Code, vector: Any) -> Any:
 def _fold(code: Code, value: Any, steps: tuple[int, ...]) -> Any:
     """Emit sums of lanes: for each step in turn, add to lane k of a vector of 16 the lane k ^ step.
 
+    Long steps come first: where a register holds 8 or 4 lanes they add registers, without a shuffle.
+
     code : where LLVM instructions are emitted
     """
     for step in steps:
@@ -215,13 +283,13 @@ def _fold(code: Code, value: Any, steps: tuple[int, ...]) -> Any:
 @operation(F16(F16))
 def sum_over_quarters(code: Code, vector: Any) -> Any:
     """Add the four quarters lane by lane; repeat the sum in all of them."""
-    return _fold(code, vector, (4, 8))
+    return _fold(code, vector, (8, 4))
 
 
 @operation(F16(F16))
 def sum_over_lanes(code: Code, vector: Any) -> Any:
     """Add all lanes; repeat the sum in all of them."""
-    return _fold(code, vector, (1, 2, 4, 8))
+    return _fold(code, vector, (8, 4, 2, 1))
 
 
 def _repeat_quarter(code: Code, vector: Any, quarter: int) -> Any:

@@ -11,8 +11,8 @@ from ..jit.decorators import inline
 from ..jit.disk_cache import cpu_features
 from ..jit.intrinsics import Code, item_pointer, operation
 from ..jit.library import CHECK
-from .lanes import bits, count_bits, count_trailing_zeros, lane
-from .vector import D8, F4, F8, F16, I16, INT, Vector, broadcast, shuffle
+from .lanes import lane
+from .vector import D8, F4, F8, F16, I8, I16, INT, Vector, broadcast, shuffle
 
 
 def _vector_pointer(code: Code, array: Any, index: Any, vector: Vector) -> Any:
@@ -46,7 +46,9 @@ def _check(array: Any, index: Any, lanes: Any) -> None:
         raise IndexError("vector access outside its array")
 
 
-PACKS = "+avx512f" in cpu_features()  # one instruction packs lanes; other processors loop over the set bits
+_FEATURES = cpu_features()
+# Lanes of a register, for loops that keep many vectors: 4 on any other processor.
+WIDTH = 16 if "+avx512f" in _FEATURES else 8 if "+avx2" in _FEATURES else 4
 
 load8 = _loader(F8, "Load array[index + lane] of a flat float32 array into lanes 0..7.")
 load16 = _loader(F16, "Load array[index + lane] of a flat float32 array into lanes 0..15.")
@@ -99,6 +101,19 @@ def broadcast_from(array: Any, index: Any) -> Any:
     return _broadcast_from(array, index)
 
 
+@operation(lambda array, index, like: like(array, types.intp, like))
+def _broadcast_like(code: Code, array: Any, index: Any, like: Any) -> Any:
+    return broadcast(code, code.builder.load(item_pointer(code, 0, (array, index))), code.types.return_type)
+
+
+@inline
+def broadcast_like(array: Any, index: Any, like: Any) -> Any:
+    """Return a vector with array[index] in as many lanes as another vector has. index : not negative"""
+    if CHECK:
+        _check(array, index, 1)
+    return _broadcast_like(array, index, like)
+
+
 @operation(F16(F4))
 def _each_quarter(code: Code, four: Any) -> Any:
     return shuffle(code, four, four, [lane % 4 for lane in range(16)])
@@ -110,38 +125,37 @@ def repeat4(array: Any, index: Any) -> Any:
     return _each_quarter(load4(array, index))
 
 
-@operation(lambda array, index, indices: F16(array, types.intp, F16))
-def _permute(code: Code, array: Any, index: Any, indices: Any) -> Any:
-    builder = code.builder
-    where = builder.fptosi(indices, ir.VectorType(INT, 16))
+@operation(lambda array, index, indices: indices(array, types.intp, indices))
+def _look_up(code: Code, array: Any, index: Any, indices: Any) -> Any:
+    builder, kind = code.builder, code.types.return_type
+    where = builder.fptosi(indices, ir.VectorType(INT, kind.lanes))
     pointer = _vector_pointer(code, array, index, F16)
-    if PACKS:
-        kind = ir.FunctionType(F16.llvm, [F16.llvm, where.type])
-        permute = cgutils.get_or_insert_function(builder.module, kind, "llvm.x86.avx512.permvar.sf.512")
-        return builder.call(permute, [builder.load(pointer, align=4), where])
-    out = ir.Constant(F16.llvm, ir.Undefined)
+    if WIDTH == kind.lanes == 16:
+        return _permuted(code, "llvm.x86.avx512.permvar.sf.512", builder.load(pointer, align=4), where)
+    if WIDTH == kind.lanes == 8:
+        table, name = builder.load(pointer, align=4), "llvm.x86.avx2.permps"
+        low, high = (_permuted(code, name, shuffle(code, table, table, range(k, k + 8)), where) for k in (0, 8))
+        return builder.select(builder.icmp_signed(">", where, broadcast(code, INT(7), I8)), high, low)
+    out = ir.Constant(kind.llvm, ir.Undefined)
     first = builder.bitcast(pointer, ir.FloatType().as_pointer())
-    for k in range(16):
+    for k in range(kind.lanes):
         value = builder.load(builder.gep(first, [builder.extract_element(where, INT(k))]))
         out = builder.insert_element(out, value, INT(k))
     return out
 
 
 @inline
-def permute16(array: Any, index: Any, indices: Any) -> Any:
-    """Return a vector of 16 with array[index + i] for each lane i of `indices`, which are float32 from 0 to 15."""
+def look_up(array: Any, index: Any, indices: Any) -> Any:
+    """Return a vector with array[index + i] for each lane i of `indices`, float32 from 0 to 15.
+
+    It is fast if the indices fill one register.
+    """
     if CHECK:
         _check(array, index, 16)
-        _check_indices(indices)
-    return _permute(array, index, indices)
-
-
-@inline
-def _check_indices(indices: Any) -> None:
-    """Raise IndexError if a lane of a permutation's indices is not from 0 to 15."""
-    for k in range(16):
-        if not 0 <= lane(indices, k) < 16:
-            raise IndexError("index of a permutation is not from 0 to 15")
+        for k in range(_width(indices)):
+            if not 0 <= lane(indices, k) < 16:
+                raise IndexError("index of a table is not from 0 to 15")
+    return _look_up(array, index, indices)
 
 
 @operation(F16(F4, F4, F4, F4))
@@ -173,47 +187,134 @@ def move4(source: Any, index: Any, target: Any, start: Any) -> None:
     store(target, start, load4(source, index))
 
 
-@operation(lambda mask, vector: vector(mask, vector))
-def _compress(code: Code, mask: Any, vector: Any) -> Any:
-    kind = code.types.return_type.llvm
-    name = f"llvm.experimental.vector.compress.v16{'f32' if code.types.return_type.kind == 'float' else 'i32'}"
-    called = ir.FunctionType(kind, [kind, mask.type, kind])
-    compress = cgutils.get_or_insert_function(code.builder.module, called, name)
-    return code.builder.call(compress, [vector, mask, ir.Constant(kind, ir.Undefined)])
+def _table_of_orders(lanes: int, size: int) -> tuple[str, int, bytes]:
+    """Return a table of permutations that move the set lanes of a mask to the front, a row for each mask.
+
+    lanes : of the mask, whose bits are the number of the row
+    size : bytes of a lane; the table holds, for each byte of a row, the number of the byte that moves there
+
+    Returns the table's name in LLVM, the bytes of a row, and the table.
+    """
+    table = bytearray()
+    for word in range(1 << lanes):
+        order = [k for k in range(lanes) if word >> k & 1]
+        order += [0] * (lanes - len(order))
+        table += bytes(size * k + byte for k in order for byte in range(size))
+    return f"orders_of_{lanes}", lanes * size, bytes(table)
+
+
+_PERMUTES = any(feature in _FEATURES for feature in ("+avx512f", "+avx2", "+ssse3", "+neon"))
+_ORDERS_OF_8, _BYTES_OF_4 = _table_of_orders(8, 1), _table_of_orders(4, 4)
+
+
+def _row(code: Code, table: tuple[str, int, bytes], row: Any) -> Any:
+    """Emit the load of one row of a constant table, and return it as a vector of bytes.
+
+    code : where LLVM instructions are emitted; table : see `_table_of_orders`; row : LLVM value, number of the row
+    """
+    builder, (name, size, content) = code.builder, table
+    if name not in builder.module.globals:
+        kind = ir.ArrayType(ir.IntType(8), len(content))
+        cgutils.global_constant(builder.module, name, ir.Constant(kind, bytearray(content)))
+    first = builder.bitcast(builder.module.globals[name], ir.IntType(8).as_pointer())
+    place = builder.gep(first, [builder.mul(row, ir.Constant(row.type, size))])
+    return builder.load(builder.bitcast(place, ir.VectorType(ir.IntType(8), size).as_pointer()), align=1)
+
+
+def _permuted(code: Code, name: str, vector: Any, order: Any) -> Any:
+    """Emit a permutation of a vector by an instruction of the processor, and return the LLVM value.
+
+    code : where LLVM instructions are emitted; name : of the function in LLVM; order : LLVM value, a vector of indices
+    """
+    kind = ir.FunctionType(vector.type, [vector.type, order.type])
+    return code.builder.call(cgutils.get_or_insert_function(code.builder.module, kind, name), [vector, order])
+
+
+def _pack_register(code: Code, mask: Any, vector: Any, kind: Vector) -> Any:
+    """Emit code that moves the lanes of a vector that are set in a mask to the front; return the LLVM value.
+
+    code : where LLVM instructions are emitted; kind : type of the vector, which has `WIDTH` lanes
+    """
+    builder, is_float = code.builder, kind.kind == "float"
+    if WIDTH == 16:
+        name = f"llvm.experimental.vector.compress.v16{'f32' if is_float else 'i32'}"
+        called = ir.FunctionType(kind.llvm, [kind.llvm, mask.type, kind.llvm])
+        compress = cgutils.get_or_insert_function(builder.module, called, name)
+        return builder.call(compress, [vector, mask, ir.Constant(kind.llvm, ir.Undefined)])
+    word = builder.zext(builder.bitcast(mask, ir.IntType(WIDTH)), ir.IntType(64))
+    if WIDTH == 8:
+        order = builder.zext(_row(code, _ORDERS_OF_8, word), ir.VectorType(INT, 8))
+        return _permuted(code, f"llvm.x86.avx2.perm{'ps' if is_float else 'd'}", vector, order)
+    order = _row(code, _BYTES_OF_4, word)
+    name = "llvm.aarch64.neon.tbl1.v16i8" if "+neon" in _FEATURES else "llvm.x86.ssse3.pshuf.b.128"
+    return builder.bitcast(_permuted(code, name, builder.bitcast(vector, order.type), order), kind.llvm)
+
+
+def _store_each(code: Code, mask: Any, vector: Any, target: Any, start: Any) -> Any:
+    """Emit `_store_packed` for processors without a permutation by a table; return the LLVM value behind the last."""
+    builder = code.builder
+    for k in range(code.types.args[1].lanes):
+        value = builder.extract_element(vector, INT(k))
+        builder.store(value, item_pointer(code, 2, (target, start)))
+        start = builder.add(start, builder.zext(builder.extract_element(mask, INT(k)), start.type))
+    return start
+
+
+@operation(lambda mask, vector, target, start: types.int64(mask, vector, target, types.intp))
+def _store_packed(code: Code, mask: Any, vector: Any, target: Any, start: Any) -> Any:
+    builder, kind = code.builder, code.types.args[1]
+    register, first = Vector(kind.kind, WIDTH), start
+    if not _PERMUTES:
+        return builder.sub(_store_each(code, mask, vector, target, start), first)
+    for k in range(0, kind.lanes, WIDTH):
+        one = shuffle(code, mask, mask, range(k, k + WIDTH))
+        packed = _pack_register(code, one, shuffle(code, vector, vector, range(k, k + WIDTH)), register)
+        # All lanes are stored: a compressing store is slow on some processors.
+        pointer = builder.bitcast(item_pointer(code, 2, (target, start)), register.llvm.as_pointer())
+        builder.store(packed, pointer, align=4)
+        count = builder.ctpop(builder.bitcast(one, ir.IntType(WIDTH)))
+        start = builder.add(start, builder.zext(count, start.type))
+    return builder.sub(start, first)
+
+
+@inline
+def store_packed(target: Any, start: Any, mask: Any, vector: Any) -> int:
+    """Store the set lanes of a float32 or int32 vector in target[start:], consecutively; return their number.
+
+    As many items of `target` as the vector has lanes may be overwritten.
+    """
+    if CHECK:
+        _check(target, start, _width(vector))
+    return _store_packed(mask, vector, target, start)
+
+
+@operation(lambda array, index, mask: Vector("int", mask.lanes)(array, types.intp, mask))
+def _load_int(code: Code, array: Any, index: Any, mask: Any) -> Any:
+    """Load as many items of an int32 array as a mask has lanes."""
+    return code.builder.load(_vector_pointer(code, array, index, code.types.return_type), align=4)
 
 
 @inline
 def pack(mask: Any, source: Any, index: Any, target: Any, start: Any) -> int:
-    """Copy source[index + k] for each set lane k of a mask of 16 to target[start:], and return their number.
+    """Copy source[index + k] for each set lane k of a mask to target[start:], and return their number.
 
-    Both arrays are flat int32. All of target[start : start + 16] may be overwritten.
+    Both arrays are flat int32. As many items of `target` as the mask has lanes may be overwritten.
     """
     if CHECK:
-        _check(source, index, 16)
-        _check(target, start, 16)
-    if PACKS:
-        # All 16 lanes are stored: a compressing store is slow on some processors.
-        _store(target, start, _compress(mask, load16_int(source, index)))
-        return count_bits(bits(mask))
-    left, n = bits(mask), 0
-    while left != 0:
-        target[start + n] = source[index + count_trailing_zeros(left)]
-        n += 1
-        left &= left - 1
-    return n
+        _check(source, index, _width(mask))
+    return store_packed(target, start, mask, _load_int(source, index, mask))
 
 
 @inline
-def store_packed(target: Any, start: Any, mask: Any, vector: Any) -> None:
-    """Store the set lanes of a float32 vector in target[start:], consecutively.
+def register_lanes() -> int:
+    """Return how many float32 a register of the processor holds: 16, 8 or 4; a constant when compiling."""
+    return WIDTH
 
-    All of target[start : start + 16] may be overwritten. mask : of 16 lanes
-    """
-    if PACKS:
-        store(target, start, _compress(mask, vector))
-        return
-    left, n = bits(mask), 0
-    while left != 0:
-        target[start + n] = lane(vector, count_trailing_zeros(left))
-        n += 1
-        left &= left - 1
+
+@operation(Vector("mask", WIDTH)(types.int64))
+def mask_register(code: Code, word: Any) -> Any:
+    """Return the lowest bits of an integer as a mask of the lanes of a register, the lowest bit in lane 0."""
+    return code.builder.bitcast(code.builder.trunc(word, ir.IntType(WIDTH)), ir.VectorType(ir.IntType(1), WIDTH))
+
+
+load_register = _loader(Vector("float", WIDTH), "Load array[index + lane] of a flat float32 array into one register.")

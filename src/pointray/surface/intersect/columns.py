@@ -16,7 +16,8 @@ from ...engine.simd import (
     broadcast16,
     fours,
     load16,
-    permute16,
+    look_up,
+    number_like,
     quarters,
     reduce_max,
     reduce_min,
@@ -54,18 +55,18 @@ def _edge(tree: Tree, leaf: int, axis: int) -> tuple[float, float]:
 
 
 @inline
-def _begin(coordinate: F16, inverse: F16) -> tuple[F16, F16, F16, F16]:
-    """Prepare a walk of 16 rays through a leaf's 4 x 4 columns along one axis.
+def _begin(coordinate: Real, inverse: Real) -> tuple[Real, Real, Real, Real]:
+    """Prepare a walk of rays through a leaf's 4 x 4 columns along one axis.
 
     coordinate : the rays' positions on the axis, in column widths from the voxel's low corner
     inverse : inverse of the rays' direction along the axis
 
-    Returns four vectors: index of each ray's first column, 0 to 3; the face through which it leaves a column, 0 for the
+    Returns four vectors, a ray in each lane: index of each ray's first column, 0 to 3; the face through which it leaves a column, 0 for the
     low one, 1 for the high one; the step to its next column, -1 or 1; index of its last column, 0 or 3.
     """
     ahead = inverse > ZERO
-    column = trunc(vmin(vmax(coordinate, broadcast16(ZERO)), broadcast16(LAST)))
-    side = select(ahead, broadcast16(ONE), broadcast16(ZERO))
+    column = trunc(vmin(vmax(coordinate, ZERO), LAST))
+    side = select(ahead, number_like(ONE, inverse), ZERO)
     return column, side, side + side - ONE, LAST * side
 
 
@@ -89,8 +90,8 @@ def _in_columns(tree: Tree, leaf: int, axes: Axes, rays: Along[Real], enter: Rea
 
 @inline
 def _in_slab(
-    slopes: tuple[F16, F16], borders: tuple[F16, F16], position: tuple[Real, Real, Real], d: tuple[Real, Real, Real]
-) -> tuple[F16, F16]:
+    slopes: tuple[Real, Real], borders: tuple[Real, Real], position: tuple[Real, Real, Real], d: tuple[Real, Real, Real]
+) -> tuple[Real, Real]:
     """Return t where rays enter and leave the slabs of columns, relative to t where they enter the voxel.
 
     slopes, borders : (B, C) and (low, high) of slabs low <= w + B u + C v <= high
@@ -100,14 +101,14 @@ def _in_slab(
         position[2] + slopes[0] * position[0] + slopes[1] * position[1],
         d[2] + slopes[0] * d[0] + slopes[1] * d[1],
     )
-    rise = ONE / select(vabs(rise) < broadcast16(FLAT), broadcast16(FLAT), rise)
+    rise = ONE / select(vabs(rise) < FLAT, FLAT, rise)
     x, y = (borders[0] - height) * rise, (borders[1] - height) * rise
     return vmin(x, y), vmax(x, y)
 
 
 @inline
-def narrow(tree: Tree, leaf: int, axes: Axes, rays: Along[F16], interval: tuple[F16, F16]) -> tuple[F16, F16]:
-    """Narrow the intervals of 16 rays in a leaf to the slabs of the columns that they cross; low > high for a miss.
+def narrow(tree: Tree, leaf: int, axes: Axes, rays: Along[Real], interval: tuple[Real, Real]) -> tuple[Real, Real]:
+    """Narrow the intervals of rays in a leaf to the slabs of the columns that they cross; low > high for a miss.
 
     Where the leaf's columns have no slabs of their own, intervals are returned unchanged.
 
@@ -122,17 +123,17 @@ def narrow(tree: Tree, leaf: int, axes: Axes, rays: Along[F16], interval: tuple[
     position, d, (iu, iv) = _in_columns(tree, leaf, axes, rays, enter)
     u, v = position[0], position[1]
     (i, side_u, next_u, end_u), (j, side_v, next_v, end_v) = _begin(u, iu), _begin(v, iv)
-    inside, first, last = broadcast16(ZERO), broadcast16(INF), broadcast16(-INF)
+    inside, first, last = number_like(ZERO, u), number_like(INF, u), number_like(-INF, u)
     for _ in range(MOST):
         column = f32(COLUMNS) * i + j
-        slopes = permute16(tree.patches, patch + PATCH_B, column), permute16(tree.patches, patch + PATCH_C, column)
+        slopes = look_up(tree.patches, patch + PATCH_B, column), look_up(tree.patches, patch + PATCH_C, column)
         borders = (
-            permute16(tree.patches, patch + PATCH_LOW, column),
-            permute16(tree.patches, patch + PATCH_HIGH, column),
+            look_up(tree.patches, patch + PATCH_LOW, column),
+            look_up(tree.patches, patch + PATCH_HIGH, column),
         )
         # The outermost columns end with the voxel, except for rounding.
-        out_u = select((end_u - i) * next_u > ZERO, (i + side_u - u) * iu, broadcast16(INF))
-        out_v = select((end_v - j) * next_v > ZERO, (j + side_v - v) * iv, broadcast16(INF))
+        out_u = select((end_u - i) * next_u > ZERO, (i + side_u - u) * iu, INF)
+        out_v = select((end_v - j) * next_v > ZERO, (j + side_v - v) * iv, INF)
         out = vmin(vmin(out_u, out_v), length)
         near, far = _in_slab(slopes, borders, position, d)
         near, far = vmax(inside, near), vmin(out, far)

@@ -26,13 +26,16 @@ from ...engine.simd import (
     Real,
     bits,
     broadcast16,
-    broadcast_from,
+    broadcast_like,
     count_trailing_zeros,
     load16,
+    load_register,
     move4,
+    number_like,
     pack,
     reduce_max,
     reduce_min,
+    register_lanes,
     select,
     vabs,
     vmax,
@@ -111,11 +114,11 @@ def around(part: Array, ends: tuple[int, int], frame: Frame, half: F16 | float, 
 
 
 @inline
-def _distances(capsule: Capsule, x: F16, y: F16, z: F16) -> F16:
-    """Return lower bounds of the squared distances of 16 points from a capsule's segment, tight except for rounding."""
+def _distances(capsule: Capsule, x: Real, y: Real, z: Real) -> Real:
+    """Return lower bounds of the squared distances of points, one in each lane, from a capsule's segment, tight except for rounding."""
     x, y, z = x - capsule.x, y - capsule.y, z - capsule.z
     along = x * capsule.dx + y * capsule.dy + z * capsule.dz
-    beyond = vmax(vabs(along) - capsule.half, broadcast16(ZERO))
+    beyond = vmax(vabs(along) - capsule.half, number_like(ZERO, x))
     return SURE * (x * x + y * y + z * z) - along * along + beyond * beyond
 
 
@@ -232,22 +235,26 @@ def list_splats_of(scratch: Scratch, first: int, end: int) -> None:
     It selects from those that `gather` has copied to `scratch`.
     """
     n, splats, part = 0, scratch.splats, scratch.part
-    for group in range((scratch.counts[sc.COUNT_NEAR] + 3) // 4):
-        offset = group * sc.GATHERED
-        x, y, z = load16(splats, offset + 4 * PX), load16(splats, offset + 4 * PY), load16(splats, offset + 4 * PZ)
-        square = broadcast16(INF)
-        for k in range(first, end):
+    for k in range(0, (4 * scratch.counts[sc.COUNT_NEAR] + 15) // 16 * 16, register_lanes()):
+        offset = k // sc.LANES * sc.GATHERED + k % sc.LANES
+        x, y, z = (
+            load_register(splats, offset + 4 * PX),
+            load_register(splats, offset + 4 * PY),
+            load_register(splats, offset + 4 * PZ),
+        )
+        square = number_like(INF, x)
+        for i in range(first, end):
             ray = Capsule(
-                broadcast_from(part, sc.AT_X + k),
-                broadcast_from(part, sc.AT_Y + k),
-                broadcast_from(part, sc.AT_Z + k),
-                broadcast_from(part, sc.AT_DX + k),
-                broadcast_from(part, sc.AT_DY + k),
-                broadcast_from(part, sc.AT_DZ + k),
-                broadcast_from(part, sc.AT_HALF + k),
+                broadcast_like(part, sc.AT_X + i, x),
+                broadcast_like(part, sc.AT_Y + i, x),
+                broadcast_like(part, sc.AT_Z + i, x),
+                broadcast_like(part, sc.AT_DX + i, x),
+                broadcast_like(part, sc.AT_DY + i, x),
+                broadcast_like(part, sc.AT_DZ + i, x),
+                broadcast_like(part, sc.AT_HALF + i, x),
                 ZERO,
             )
             square = vmin(square, _distances(ray, x, y, z))
-        near = square * load16(splats, offset + 4 * INV_R2) < NEAR
-        n += pack(near, scratch.offsets, group * sc.LANES, scratch.listed, n)
+        near = square * load_register(splats, offset + 4 * INV_R2) < NEAR
+        n += pack(near, scratch.offsets, k, scratch.listed, n)
     scratch.counts[sc.COUNT_SPLATS] = n

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from ...engine.jit import f32, inline
 from ...engine.kernels.tree import LEAF, STEP, Tree
-from ...engine.simd import F16, ONE, ZERO, Mask, broadcast16, select, trunc, vabs, vmax, vmin
+from ...engine.simd import F16, ONE, ZERO, Mask, Real, broadcast16, select, trunc, vabs, vmax, vmin
 
 MOST_STEPS = f32(2.0**22)  # from the ray's entry into the model's bounds
 SAMPLES_PER_BASE = f32(16.0)  # samples whose positions are relative to the same base point
@@ -18,20 +18,20 @@ NONZERO_BEGIN = f32(1e-30)  # replaces 0 as the start of a ray, so that it can h
 
 
 class SampleRange(NamedTuple):
-    """Samples to evaluate in a voxel, for 16 rays or four: a range of the lattice t = k step for each.
+    """Samples to evaluate in a voxel, for 16, 8 or four rays: a range of the lattice t = k step for each.
 
     first, last : indices k of the first and the last sample
     begin : t where the ray begins if that is in the range, so that the start rule applies; negative if the ray begins
         elsewhere, or on no surface
     """
 
-    first: F16
-    last: F16
-    begin: F16
+    first: Real
+    last: Real
+    begin: Real
 
 
 @inline
-def sample_range(tree: Tree, leaf: int, interval: tuple[F16, F16, F16], begin: F16) -> tuple[SampleRange, Mask]:
+def sample_range(tree: Tree, leaf: int, interval: tuple[Real, Real, Real], begin: Real) -> tuple[SampleRange, Mask]:
     """Return the samples to evaluate in a leaf, and a mask of the rays whose samples are distinct in float32.
 
     interval : (enter, low, high), t where the rays enter the voxel, and between which (low, high) the surface can be;
@@ -43,16 +43,16 @@ def sample_range(tree: Tree, leaf: int, interval: tuple[F16, F16, F16], begin: F
     # Tested where the surface may begin, because the end of the ray must not decide.
     fine = low < MOST_STEPS * step
     # The start rule needs f where the ray begins: if that is in this voxel, the range is extended back to there.
-    low = select(fine, select(enter <= begin, vmin(low, begin), low), broadcast16(ZERO))
-    high = select(fine, vmin(high, broadcast16(MOST_STEPS * step + MOST_STEPS * step)), broadcast16(ZERO))
+    low = select(fine, select(enter <= begin, vmin(low, begin), low), ZERO)
+    high = select(fine, vmin(high, MOST_STEPS * step + MOST_STEPS * step), ZERO)
     # t is never negative here, so truncation equals floor.
     first, last = trunc(low / step), trunc(high / step) + ONE
     starts = (first * step <= begin) & (begin <= last * step)
-    return SampleRange(first, last, select(starts, begin, ZERO - vmax(vabs(begin), broadcast16(NONZERO_BEGIN)))), fine
+    return SampleRange(first, last, select(starts, begin, ZERO - vmax(vabs(begin), NONZERO_BEGIN))), fine
 
 
 @inline
-def span(tree: Tree, leaf: int, sampled: SampleRange) -> tuple[F16, F16]:
+def span(tree: Tree, leaf: int, sampled: SampleRange) -> tuple[Real, Real]:
     """Return t of the first and the last sample to evaluate in a leaf."""
     step = tree.leaves[leaf * LEAF + STEP]
     return sampled.first * step, sampled.last * step
@@ -65,7 +65,7 @@ def base_spacing(tree: Tree, leaf: int) -> F16:
 
 
 @inline
-def base_of(t: F16, length: F16) -> F16:
+def base_of(t: Real, length: Real) -> Real:
     """Return t of the base point of the ray segment that contains t. length : of segments, 16 samples of the leaf
 
     Positions relative to a point nearby are precise in float32. The base depends on t alone, and is half a step before

@@ -7,18 +7,22 @@ from ...engine.kernels import scratch as sc
 from ...engine.kernels.scratch import Scratch
 from ...engine.kernels.tree import DISC, LEAF, SHEETED, SURFACE, Hit, Ray, Tree
 from ...engine.simd import (
-    F16,
     INF,
     ONE,
     ZERO,
     Bits,
+    Real,
     bits,
     broadcast16,
     count_bits,
     count_trailing_zeros,
     lane,
     load16,
+    load_register,
     mask16,
+    mask_register,
+    number_like,
+    register_lanes,
     repeat4,
     select,
     store_packed,
@@ -107,8 +111,8 @@ def search_alone(
 
 
 @inline
-def _along(axes: Axes, rows: Array, v: int) -> Along[F16]:
-    """Load 16 rays of the tile, from index v on, in the coordinates of a leaf's columns.
+def _along(axes: Axes, rows: Array, v: int) -> Along[Real]:
+    """Load as many rays of the tile as a register holds, from index v on, in the coordinates of a leaf's columns.
 
     axes : (u, v, w) of the columns, which run along w; rows : `Scratch.model`, the rays
 
@@ -116,9 +120,9 @@ def _along(axes: Axes, rows: Array, v: int) -> Along[F16]:
     """
     x, y, z = axes[0] * sc.TILE + v, axes[1] * sc.TILE + v, axes[2] * sc.TILE + v
     return (
-        (load16(rows, sc.OX + x), load16(rows, sc.OX + y), load16(rows, sc.OX + z)),
-        (load16(rows, sc.DX + x), load16(rows, sc.DX + y), load16(rows, sc.DX + z)),
-        (load16(rows, sc.IX + x), load16(rows, sc.IX + y)),
+        (load_register(rows, sc.OX + x), load_register(rows, sc.OX + y), load_register(rows, sc.OX + z)),
+        (load_register(rows, sc.DX + x), load_register(rows, sc.DX + y), load_register(rows, sc.DX + z)),
+        (load_register(rows, sc.IX + x), load_register(rows, sc.IX + y)),
     )
 
 
@@ -132,38 +136,39 @@ def _take(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
     """
     rows, part, n, taken = scratch.model, scratch.part, 0, i64(0)
     axes = axes_of(tree, leaf)
-    for v in range(0, sc.TILE, sc.LANES):
-        word = (passing >> v) & 0xFFFF
+    lanes = register_lanes()
+    for v in range(0, sc.TILE, lanes):
+        word = (passing >> v) & ((1 << lanes) - 1)
         if word == 0:
             continue
         low, high = narrow(
-            tree, leaf, axes, _along(axes, rows, v), (load16(rows, sc.FIRST + v), load16(rows, sc.LAST + v))
+            tree, leaf, axes, _along(axes, rows, v), (load_register(rows, sc.FIRST + v), load_register(rows, sc.LAST + v))
         )
         met = low <= high
-        interval = load16(rows, sc.ENTER + v), select(met, low, broadcast16(ZERO)), select(met, high, broadcast16(ZERO))
-        sampled, fine = sample_range(tree, leaf, interval, load16(rows, sc.BEGIN + v))
+        interval = load_register(rows, sc.ENTER + v), select(met, low, ZERO), select(met, high, ZERO)
+        sampled, fine = sample_range(tree, leaf, interval, load_register(rows, sc.BEGIN + v))
         word &= bits(fine & met)
         if word == 0:
             continue
-        active = mask16(word)
+        active = mask_register(word)
         first, last = span(tree, leaf, sampled)
         center, half = HALF * (first + last), HALF * (last - first)
-        dx, dy, dz = load16(rows, sc.DX + v), load16(rows, sc.DY + v), load16(rows, sc.DZ + v)
-        store_packed(part, sc.AT_X + n, active, load16(rows, sc.OX + v) + center * dx)
-        store_packed(part, sc.AT_Y + n, active, load16(rows, sc.OY + v) + center * dy)
-        store_packed(part, sc.AT_Z + n, active, load16(rows, sc.OZ + v) + center * dz)
+        dx, dy, dz = load_register(rows, sc.DX + v), load_register(rows, sc.DY + v), load_register(rows, sc.DZ + v)
+        store_packed(part, sc.AT_X + n, active, load_register(rows, sc.OX + v) + center * dx)
+        store_packed(part, sc.AT_Y + n, active, load_register(rows, sc.OY + v) + center * dy)
+        store_packed(part, sc.AT_Z + n, active, load_register(rows, sc.OZ + v) + center * dz)
         store_packed(part, sc.AT_DX + n, active, dx)
         store_packed(part, sc.AT_DY + n, active, dy)
         store_packed(part, sc.AT_DZ + n, active, dz)
-        store_packed(part, sc.AT_OX + n, active, load16(rows, sc.OX + v))
-        store_packed(part, sc.AT_OY + n, active, load16(rows, sc.OY + v))
-        store_packed(part, sc.AT_OZ + n, active, load16(rows, sc.OZ + v))
+        store_packed(part, sc.AT_OX + n, active, load_register(rows, sc.OX + v))
+        store_packed(part, sc.AT_OY + n, active, load_register(rows, sc.OY + v))
+        store_packed(part, sc.AT_OZ + n, active, load_register(rows, sc.OZ + v))
         store_packed(part, sc.AT_HALF + n, active, half)
-        store_packed(part, sc.AT_T + n, active, broadcast16(INF))
+        store_packed(part, sc.AT_T + n, active, number_like(INF, dx))
         store_packed(part, sc.AT_FIRST + n, active, sampled.first)
         store_packed(part, sc.AT_LAST + n, active, sampled.last)
         store_packed(part, sc.AT_BEGIN + n, active, sampled.begin)
-        store_packed(part, sc.AT_SIDE + n, active, load16(rows, sc.SIDE + v))
+        store_packed(part, sc.AT_SIDE + n, active, load_register(rows, sc.SIDE + v))
         n += count_bits(word)
         taken |= word << v
     return taken

@@ -214,7 +214,8 @@ def search(
     left = rays if scratch.counts[COUNT_SPLATS] > 0 else 0
     while left != 0:
         t = vmin(k * step, high)
-        f, slope = refine.evaluate(tree, scratch, frame, t)
+        few = (bits(k < sampled.last) >> 4) & left == 0
+        f, slope = refine.evaluate_four_rays(tree, scratch, frame, t, few)
         if starts != 0:
             lift = select(mask16(starts), _lift_of(tree, leaf, first_quarter(f)), lift)
             between = sampled.begin > ZERO
@@ -295,7 +296,7 @@ def search_one(
     k = sampled.first + (four * quarters(ZERO, ONE, two, three) + fours(ZERO, ONE, two, three))
     while True:
         t = begin if between else vmin(vmax(k * step, low), high)
-        f, slope = refine.evaluate(tree, scratch, frame, t)
+        f, slope = refine.evaluate_one_ray(tree, scratch, frame, t, lane(k, 7) >= last)
         if starts:
             lift = _lift_of(tree, leaf, broadcast16(lane(f, 0)))
             starts = False

@@ -11,26 +11,36 @@ from ...engine.jit import f32, inline
 from ...engine.kernels.scratch import Scratch
 from ...engine.kernels.tree import REFINE, SURFACE, Tree
 from ...engine.simd import (
+    F8,
     F16,
     INF,
     ONE,
     ZERO,
     Bits,
     Mask,
+    Real,
     bits,
     broadcast16,
+    by_width,
+    extend_lane,
+    extend_quarter,
     last_quarter,
+    low_half,
     mask16,
+    middle_half,
+    outer_half,
+    put_around,
     quarters,
     select,
     shift_quarter,
     sum_over_quarters,
+    swap_halves,
     vmax,
     vmin,
     vsqrt,
 )
 from .lattice import base_of
-from .surface import HALF, TWO, Means, sums, value
+from .surface import HALF, TWO, Means, sums, sums_at_eight, value
 
 # The four samples of a secant step lie around the estimate, at these distances in lengths of the bracket: two so close
 # that the next linear interpolation is exact to a thousandth of the radius, and two farther out for wrong estimates.
@@ -50,14 +60,14 @@ class Frame(NamedTuple):
     side : +1 if a ray that starts on the surface is outside, -1 if it is inside
     """
 
-    x: F16
-    y: F16
-    z: F16
-    dx: F16
-    dy: F16
-    dz: F16
-    base_spacing: F16
-    side: F16
+    x: Real
+    y: Real
+    z: Real
+    dx: Real
+    dy: Real
+    dz: Real
+    base_spacing: Real
+    side: Real
 
 
 class Pair(NamedTuple):
@@ -81,10 +91,18 @@ class Foot(NamedTuple):
     away : squared distance of the root from the mean centre of the splats around it
     """
 
-    nx: F16
-    ny: F16
-    nz: F16
-    away: F16
+    nx: Real
+    ny: Real
+    nz: Real
+    away: Real
+
+
+class Values(NamedTuple):
+    """f at samples of rays, with the sign of the ray's side; the foot there (`foot_of`), and the sum of weights."""
+
+    f: Real
+    foot: Foot
+    weight: Real
 
 
 class Root(NamedTuple):
@@ -132,7 +150,7 @@ def sample(vector: F16, one: Mask) -> F16:
 
 
 @inline
-def place(frame: Frame, t: F16, start: F16) -> tuple[F16, F16, F16]:
+def place(frame: Frame, t: Real, start: Real) -> tuple[Real, Real, Real]:
     """Return the points at t on the rays, as vectors x, y, z.
 
     start : t of a base point on each ray nearby; positions are computed relative to it, which is precise in float32
@@ -153,15 +171,73 @@ def means_at(scratch: Scratch, frame: Frame, t: F16, start: F16) -> Means:
 
 
 @inline
+def _along(frame: Frame, means: Means, surface: int) -> tuple[Real, Real]:
+    """Return f from the means at points on rays, and its slope along them, both with the sign of the ray's side."""
+    f, _ = value(surface, means)
+    slope = means.nx * frame.dx + means.ny * frame.dy + means.nz * frame.dz
+    return f * frame.side, slope * frame.side
+
+
+@inline
 def evaluate(tree: Tree, scratch: Scratch, frame: Frame, t: F16) -> tuple[F16, F16]:
     """Return f at t on the rays, and its slope along them, from the splats listed in `scratch`.
 
     The sign of both is that of the ray's side (`Frame.side`): f is positive on the side on which the ray starts.
     """
     means = means_at(scratch, frame, t, base_of(t, frame.base_spacing))
-    f, _ = value(int(tree.head[SURFACE]), means)
-    slope = means.nx * frame.dx + means.ny * frame.dy + means.nz * frame.dz
-    return f * frame.side, slope * frame.side
+    return _along(frame, means, int(tree.head[SURFACE]))
+
+
+@inline
+def _halved(frame: Frame) -> Frame:
+    """Return the first half of the lanes of a frame. With four rays, all quarters are equal."""
+    return Frame(
+        low_half(frame.x),
+        low_half(frame.y),
+        low_half(frame.z),
+        low_half(frame.dx),
+        low_half(frame.dy),
+        low_half(frame.dz),
+        low_half(frame.base_spacing),
+        low_half(frame.side),
+    )
+
+
+@inline
+def _evaluate_eight(tree: Tree, scratch: Scratch, frame: Frame, t: F16) -> tuple[F8, F8]:
+    """Return what `evaluate` does in the first eight lanes."""
+    half = _halved(frame)
+    x, y, z = place(half, low_half(t), base_of(low_half(t), half.base_spacing))
+    return _along(half, sums_at_eight(scratch, x, y, z), int(tree.head[SURFACE]))
+
+
+@inline
+def _evaluate_all(tree: Tree, scratch: Scratch, frame: Frame, t: F16, few: bool) -> tuple[F16, F16]:
+    """Return what `evaluate` does."""
+    return evaluate(tree, scratch, frame, t)
+
+
+@inline
+def _evaluate_two(tree: Tree, scratch: Scratch, frame: Frame, t: F16, few: bool) -> tuple[F16, F16]:
+    """Return what `evaluate` does for four samples of four rays; if `few`, t does not change after the second."""
+    if not few:
+        return evaluate(tree, scratch, frame, t)
+    f, slope = _evaluate_eight(tree, scratch, frame, t)
+    return extend_quarter(f), extend_quarter(slope)
+
+
+@inline
+def _evaluate_half(tree: Tree, scratch: Scratch, frame: Frame, t: F16, few: bool) -> tuple[F16, F16]:
+    """Return what `evaluate` does for sixteen samples of one ray; if `few`, t does not change after the eighth."""
+    if not few:
+        return evaluate(tree, scratch, frame, t)
+    f, slope = _evaluate_eight(tree, scratch, frame, t)
+    return extend_lane(f), extend_lane(slope)
+
+
+# `evaluate` without those samples that are equal. Where one register holds all sixteen this saves nothing.
+evaluate_four_rays = by_width(_evaluate_all, _evaluate_two, _evaluate_two)
+evaluate_one_ray = by_width(_evaluate_all, _evaluate_half, _evaluate_half)
 
 
 @inline
@@ -240,6 +316,51 @@ def _four_t(ta: F16, tb: F16, around: F16, inner: F16, outer: F16) -> F16:
 
 
 @inline
+def _values(surface: int, frame: Frame, means: Means, lift: Real) -> Values:
+    """Return f at some points on rays, and what decides whether they are hits, from the means over the splats there."""
+    f, u4 = value(surface, means)
+    return Values(f * frame.side + lift, foot_of(means, u4), means.weight)
+
+
+@inline
+def _at_four(
+    tree: Tree, scratch: Scratch, frame: Frame, t: F16, start: F16, lift: F16, fa: F16, doing: Bits
+) -> Values:
+    """Evaluate f at four samples of each of four rays."""
+    return _values(int(tree.head[SURFACE]), frame, means_at(scratch, frame, t, start), lift)
+
+
+@inline
+def _at_two(
+    tree: Tree, scratch: Scratch, frame: Frame, t: F16, start: F16, lift: F16, fa: F16, doing: Bits
+) -> Values:
+    """Evaluate f at the second and third of four samples first; if it changes sign between them, that is all.
+
+    The first and the last sample then get the values of their neighbours, as if f did not change sign there.
+
+    fa : f at the beginning of the interval; doing : bits of the samples of rays that count
+    """
+    half, surface = _halved(frame), int(tree.head[SURFACE])
+    start, lift = low_half(start), low_half(lift)
+    x, y, z = place(half, middle_half(t), start)
+    middle = outer = _values(surface, half, sums_at_eight(scratch, x, y, z), lift)
+    before, after = bits(crossing(low_half(fa), middle.f)), bits(crossing(middle.f, swap_halves(middle.f)))
+    if (before | ~after) & doing & 15 != 0:
+        x, y, z = place(half, outer_half(t), start)
+        outer = _values(surface, half, sums_at_eight(scratch, x, y, z), lift)
+    foot = Foot(
+        put_around(outer.foot.nx, middle.foot.nx),
+        put_around(outer.foot.ny, middle.foot.ny),
+        put_around(outer.foot.nz, middle.foot.nz),
+        put_around(outer.foot.away, middle.foot.away),
+    )
+    return Values(put_around(outer.f, middle.f), foot, put_around(outer.weight, middle.weight))
+
+
+_evaluate_around = by_width(_at_four, _at_two, _at_two)
+
+
+@inline
 def look_into(tree: Tree, scratch: Scratch, frame: Frame, pair: Pair, crosses: Mask, todo: Bits, lift: F16) -> Root:
     """Find the first zero of f between two samples of each of four rays, with the model's number of secant steps.
 
@@ -276,9 +397,8 @@ def look_into(tree: Tree, scratch: Scratch, frame: Frame, pair: Pair, crosses: M
         go = mask16(doing)
         t = _four_t(ta, tb, share, inner, outer)
         inner, outer = broadcast16(CLOSE[0]), broadcast16(CLOSE[1])
-        fresh = means_at(scratch, frame, t, start)
-        f, u4 = value(int(tree.head[SURFACE]), fresh)
-        f = f * frame.side + lift
+        fresh = _evaluate_around(tree, scratch, frame, t, start, lift, fa, doing)
+        f = fresh.f
         before, t_before = shift_quarter(fa, f), shift_quarter(ta, t)
         one = first_samples(bits(crossing(before, f)) & doing)
         part = mask16(one)
@@ -299,7 +419,7 @@ def look_into(tree: Tree, scratch: Scratch, frame: Frame, pair: Pair, crosses: M
         firm = (fresh.weight > FAINT) & (shift_quarter(none, fresh.weight) > FAINT)
         line = one & bits(firm)
         joined = (joined & ~fold(doing)) | fold(line)
-        foot = choose(all_samples(fold(line)), _between(foot_of(fresh, u4), line, share), foot)
+        foot = choose(all_samples(fold(line)), _between(fresh.foot, line, share), foot)
         step = step + select(go, broadcast16(ONE), none)
     t = select(all_samples(todo), ta + (tb - ta) * share, broadcast16(INF))
     return Root(t, HALF * (fb - fa), all_samples(joined & todo), foot)

@@ -23,7 +23,24 @@ from ...engine.jit import Array, f32, i64, inline
 from ...engine.kernels.scratch import COUNT_SPLATS, Scratch, slot_of
 from ...engine.kernels.tree import BLOCK, IMLS, INV_R2, NX, NY, NZ, PAPER, PX, PY, PZ, Tree
 from ...engine.kernels.vec import Vec3
-from ...engine.simd import F16, ONE, ZERO, Real, broadcast16, broadcast_from, repeat4, select, vmax, vsqrt
+from ...engine.simd import (
+    F16,
+    ONE,
+    ZERO,
+    Real,
+    broadcast16,
+    broadcast_from,
+    broadcast_like,
+    by_width,
+    high_half,
+    join_halves,
+    low_half,
+    number_like,
+    repeat4,
+    select,
+    vmax,
+    vsqrt,
+)
 
 HALF, TWO = f32(0.5), f32(2.0)
 QUARTER = f32(0.25)
@@ -55,28 +72,25 @@ class Means(NamedTuple):
 
 
 @inline
-def sums(scratch: Scratch, x: F16, y: F16, z: F16) -> Means:
-    """Compute the weighted means over the splats listed in `scratch`, those near the rays, at sixteen points.
-
-    It takes 21 vector instructions a splat. At a point outside all supports the weight is 0 and the means are NaN.
-    """
-    w_sum = broadcast16(ZERO)
+def _sums(scratch: Scratch, x: Real, y: Real, z: Real) -> Means:
+    """Compute `sums` at as many points as the vectors x, y, z have lanes. It takes 21 vector instructions a splat."""
+    w_sum = number_like(ZERO, x)
     qx_sum = qy_sum = qz_sum = nx_sum = ny_sum = nz_sum = qn_sum = qq_sum = w_sum
     splats, listed = scratch.splats, scratch.listed
     for k in range(scratch.counts[COUNT_SPLATS]):
         offset = i64(listed[k])
         qx, qy, qz = (
-            broadcast_from(splats, offset + 4 * PX) - x,
-            broadcast_from(splats, offset + 4 * PY) - y,
-            broadcast_from(splats, offset + 4 * PZ) - z,
+            broadcast_like(splats, offset + 4 * PX, x) - x,
+            broadcast_like(splats, offset + 4 * PY, x) - y,
+            broadcast_like(splats, offset + 4 * PZ, x) - z,
         )
         qq = qx * qx + qy * qy + qz * qz
-        w = vmax(ONE - qq * broadcast_from(splats, offset + 4 * INV_R2), broadcast16(ZERO))
+        w = vmax(ONE - qq * broadcast_like(splats, offset + 4 * INV_R2, x), number_like(ZERO, x))
         w = w * w
         nx, ny, nz = (
-            broadcast_from(splats, offset + 4 * NX),
-            broadcast_from(splats, offset + 4 * NY),
-            broadcast_from(splats, offset + 4 * NZ),
+            broadcast_like(splats, offset + 4 * NX, x),
+            broadcast_like(splats, offset + 4 * NY, x),
+            broadcast_like(splats, offset + 4 * NZ, x),
         )
         w_sum = w_sum + w
         qx_sum = qx_sum + w * qx
@@ -102,10 +116,46 @@ def sums(scratch: Scratch, x: F16, y: F16, z: F16) -> Means:
 
 
 @inline
-def value(surface: int, means: Means) -> tuple[F16, F16]:
+def _join(low: Means, high: Means) -> Means:
+    """Return means at the points of both arguments, those of `low` in the first half of the lanes."""
+    return Means(
+        join_halves(low.qx, high.qx),
+        join_halves(low.qy, high.qy),
+        join_halves(low.qz, high.qz),
+        join_halves(low.nx, high.nx),
+        join_halves(low.ny, high.ny),
+        join_halves(low.nz, high.nz),
+        join_halves(low.qn, high.qn),
+        join_halves(low.qq, high.qq),
+        join_halves(low.weight, high.weight),
+    )
+
+
+@inline
+def _sums_by_halves(scratch: Scratch, x: Real, y: Real, z: Real) -> Means:
+    """Compute `sums` at half of the points at a time."""
+    low = _sums(scratch, low_half(x), low_half(y), low_half(z))
+    return _join(low, _sums(scratch, high_half(x), high_half(y), high_half(z)))
+
+
+@inline
+def _sums_by_quarters(scratch: Scratch, x: F16, y: F16, z: F16) -> Means:
+    """Compute `sums` at a quarter of the points at a time."""
+    low = _sums_by_halves(scratch, low_half(x), low_half(y), low_half(z))
+    return _join(low, _sums_by_halves(scratch, high_half(x), high_half(y), high_half(z)))
+
+
+# The weighted means over the splats listed in `scratch`, those near the rays, at sixteen points x, y, z. At a point
+# outside all supports the weight is 0 and the means are NaN.
+sums = by_width(_sums, _sums_by_halves, _sums_by_quarters)
+sums_at_eight = by_width(_sums, _sums, _sums_by_halves)  # the same at eight points
+
+
+@inline
+def value(surface: int, means: Means) -> tuple[Real, Real]:
     """Return f (NaN without support) and u4, the curvature term of the fitted sphere (0 except for apss).
 
-    surface : kind of surface, such as PAPER; means : over the splats, at sixteen points
+    surface : kind of surface, such as PAPER; means : over the splats, at some points
     """
     qx, qy, qz, nx, ny, nz, qn, qq, weight = means
     plane = qx * nx + qy * ny + qz * nz
@@ -116,9 +166,9 @@ def value(surface: int, means: Means) -> tuple[F16, F16]:
         f = ZERO - qn
     else:
         center = qx * qx + qy * qy + qz * qz
-        u4 = HALF * (qn - plane) / vmax(qq - center, vmax(QUARTER * qq, broadcast16(TINIEST)))
+        u4 = HALF * (qn - plane) / vmax(qq - center, vmax(QUARTER * qq, TINIEST))
         f = u4 * (TWO * center - qq) - plane
-    return select(weight > ZERO, f, broadcast16(NAN)), u4
+    return select(weight > ZERO, f, NAN), u4
 
 
 @inline

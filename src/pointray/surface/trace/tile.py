@@ -22,9 +22,11 @@ from ...engine.simd import (
     lane,
     load8,
     load16,
+    load_register,
     prefetch,
     reduce_max,
     reduce_min,
+    register_lanes,
     select,
     store,
     vabs,
@@ -101,7 +103,7 @@ def tile_ray(rows: Array, i: int) -> Ray:
 
 @inline
 def _leaf_intervals(tree: Tree, leaf: int, box: int, planes: tuple[Planes, Planes, float], rows: Array, v: int) -> Bits:
-    """Test 16 rays of the tile, from v on, against a leaf's voxel, box and slab; return as bits those that pass all.
+    """Test as many rays of the tile as a register holds, from v on, against a leaf's voxel, box and slab; return as bits those that pass all.
 
     Rows ENTER to LAST of `rows` receive t where each ray enters and leaves the voxel, and between which the surface
     can be.
@@ -111,13 +113,13 @@ def _leaf_intervals(tree: Tree, leaf: int, box: int, planes: tuple[Planes, Plane
         and t where the traversal starts
     """
     near, far, begin = planes
-    ox, oy, oz = load16(rows, sc.OX + v), load16(rows, sc.OY + v), load16(rows, sc.OZ + v)
-    ix, iy, iz = load16(rows, sc.IX + v), load16(rows, sc.IY + v), load16(rows, sc.IZ + v)
+    ox, oy, oz = load_register(rows, sc.OX + v), load_register(rows, sc.OY + v), load_register(rows, sc.OZ + v)
+    ix, iy, iz = load_register(rows, sc.IX + v), load_register(rows, sc.IY + v), load_register(rows, sc.IZ + v)
     offset, leaves, boxes = leaf * tr.LEAF, tree.leaves, tree.boxes
-    length = load16(rows, sc.LENGTH + v)
+    length = load_register(rows, sc.LENGTH + v)
     enter = vmax(
         vmax((leaves[offset + tr.CELL + near[0]] - ox) * ix, (leaves[offset + tr.CELL + near[1]] - oy) * iy),
-        vmax((leaves[offset + tr.CELL + near[2]] - oz) * iz, broadcast16(begin)),
+        vmax((leaves[offset + tr.CELL + near[2]] - oz) * iz, begin),
     )
     leave = vmin(
         vmin((leaves[offset + tr.CELL + far[0]] - ox) * ix, (leaves[offset + tr.CELL + far[1]] - oy) * iy),
@@ -133,8 +135,8 @@ def _leaf_intervals(tree: Tree, leaf: int, box: int, planes: tuple[Planes, Plane
     )
     mx, my, mz = leaves[offset + tr.SLAB], leaves[offset + tr.SLAB + 1], leaves[offset + tr.SLAB + 2]
     height = mx * ox + my * oy + mz * oz
-    rise = mx * load16(rows, sc.DX + v) + my * load16(rows, sc.DY + v) + mz * load16(rows, sc.DZ + v)
-    rise = ONE / select(vabs(rise) < broadcast16(FLAT), broadcast16(FLAT), rise)
+    rise = mx * load_register(rows, sc.DX + v) + my * load_register(rows, sc.DY + v) + mz * load_register(rows, sc.DZ + v)
+    rise = ONE / select(vabs(rise) < FLAT, FLAT, rise)
     a, b = (leaves[offset + tr.SLAB_LO] - height) * rise, (leaves[offset + tr.SLAB_HI] - height) * rise
     first, last = vmax(first, vmin(a, b)), vmin(leave, vmax(a, b))
     store(rows, sc.ENTER + v, enter)
@@ -330,7 +332,7 @@ def closest_of_tile(table: Array, model: int, span: tuple[int, int], any_hit: bo
                     farthest = _shorten(tree, span, any_hit, scratch)
                 continue
             passing = i64(0)
-            for v in range(span[0], span[1], sc.LANES):
+            for v in range(span[0], span[1], register_lanes()):
                 passing |= _leaf_intervals(tree, leaf, box, planes, rows, v) << v
             if passing != 0:
                 lifted |= _search(tree, leaf, passing, scratch)

@@ -27,7 +27,7 @@ from pointray.engine.simd import (
     mask16,
     one_bit,
     pack,
-    permute16,
+    look_up,
     power_of_two,
     quarters,
     repeat4,
@@ -159,7 +159,7 @@ def test_comparisons_know_nan_and_inf():
 
 @kernel
 def _looked_up(a, indices, out):
-    store(out, 0, permute16(a, 5, load16(indices, 0)))
+    store(out, 0, look_up(a, 5, load16(indices, 0)))
     store(out, 16, join4(a, 20, 1, 1, 7))
     return 0
 
