@@ -15,6 +15,18 @@ from .entry import add_entry
 
 def compiled(kernel: str) -> tuple[bytes, Any]:
     """Return the object file of a kernel, and its result type as text."""
+    module, machine, returns = _optimized(kernel)
+    return bytes(machine.emit_object(module)), returns
+
+
+def assembly(kernel: str) -> str:
+    """Return the machine code of a kernel as text."""
+    module, machine, _ = _optimized(kernel)
+    return str(machine.emit_assembly(module))
+
+
+def _optimized(kernel: str) -> tuple[Any, Any, Any]:
+    """Return the LLVM module of a kernel, LLVM's target machine, and the kernel's result type as text."""
     recorded = signatures.recorded()
     types = tuple(signatures.type_of(text, recorded["records"]) for text in recorded["kernels"][kernel])
     compiler = KERNELS[kernel].dispatcher._compiler
@@ -30,11 +42,13 @@ def compiled(kernel: str) -> tuple[bytes, Any]:
     library, name = result.library, symbol(kernel)
     add_entry(result.target_context, library, result.fndesc, name)
     records: dict[str, Any] = {}
-    return _emitted(library, name), signatures.described(result.signature.return_type, records)
+    _link(library, name)
+    returns = signatures.described(result.signature.return_type, records)
+    return library._final_module, library.codegen._tm, returns
 
 
-def _emitted(library: Any, entry: str) -> bytes:
-    """Link a kernel with its pieces, optimize it, remove code that its entry does not reach, and emit machine code."""
+def _link(library: Any, entry: str) -> None:
+    """Link a kernel with its pieces, optimize it, and remove code that its entry does not reach."""
     for piece in dict.fromkeys(library._linking_libraries):
         library._final_module.link_in(piece._get_module_for_linking(), preserve=True)
     library._optimize_final_module()
@@ -47,4 +61,3 @@ def _emitted(library: Any, entry: str) -> bytes:
     passes.add_global_dead_code_eliminate_pass()
     passes.run(module, builder)
     module.verify()
-    return bytes(library.codegen._tm.emit_object(module))
