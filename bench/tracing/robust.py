@@ -1,6 +1,6 @@
 """Count the hits that depend on slabs, boxes and the size of voxels, for every cloud given.
 
-    python -m bench.tracing.robust scan.ply ... [--surface apss] [--size 600]
+    python -m bench.tracing.robust scan.ply ... [--surface apss] [--size 600] [--level v3]
 
 The tree as shipped is compared with the same tree with unlimited slabs and boxes, and with trees of half and of twice
 the voxel size, over camera rays from four sides. The program prints how many rays hit in one and miss in the other, and
@@ -15,6 +15,7 @@ import warnings
 import numpy as np
 
 import pointray as pr
+from bench.helpers.levels import add_level, restart_at
 from pointray.model.model import PrebuiltModel
 from pointray.surface.tree.build import build_tree
 from pointray.surface.tree.parts import splats_of
@@ -54,7 +55,9 @@ def main() -> None:
     parser.add_argument("files", nargs="+")
     parser.add_argument("--surface", default=None)
     parser.add_argument("--size", type=int, default=600)
+    add_level(parser)
     options = parser.parse_args()
+    restart_at(options.level, "bench.tracing.robust")
     warnings.simplefilter("ignore")
     for name in options.files:
         model = pr.Model(pr.read(name), surface=options.surface, scatter="surface")
