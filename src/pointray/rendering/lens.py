@@ -14,7 +14,7 @@ from ..base.choices import FILTERS, number_of
 from ..engine.jit import Array, inline
 from ..engine.kernels import records as rec
 from ..engine.kernels.sampling import IN_PIXEL, sample_pair
-from ..engine.kernels.vec import Vec3, add, dot, load3_flat, scale, sub, unit
+from ..engine.kernels.vec import Vec3, add, dot, load3_flat, on_circle, scale, sub, unit
 
 BOX, TENT, GAUSSIAN, BLACKMAN_HARRIS = (
     number_of(FILTERS, name) for name in ("box", "tent", "gaussian", "blackman-harris")
@@ -58,7 +58,8 @@ def _gaussian(u: float, v: float) -> tuple[float, float]:
     u, v : random numbers, 0 to 1
     """
     radius = SIGMA * math.sqrt(-2.0 * math.log(1.0 - u * _WITHIN))
-    return radius * math.cos(2.0 * math.pi * v), radius * math.sin(2.0 * math.pi * v)
+    x, y = on_circle(v)
+    return radius * x, radius * y
 
 
 @inline

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TypeAlias
 
-from ..jit import Array, inline
+from ..jit import Array, i64, inline
 
 Vec3: TypeAlias = tuple[float, float, float]
 Six: TypeAlias = tuple[float, float, float, float, float, float]  # a symmetric matrix: xx xy xz yy yz zz
@@ -145,14 +145,32 @@ def mirrored(a: Vec3, n: Vec3) -> Vec3:
 
 
 @inline
+def on_circle(turn: float) -> tuple[float, float]:
+    """Return the cosine and the sine of 2 pi `turn`, to 1e-15. turn : position on the circle, at least -1/8
+
+    It is a Taylor series after reduction to an eighth of a circle, 5% of the time of a path faster than libm's sincos.
+    """
+    quarter = i64(4.0 * turn + 0.5)
+    x = (4.0 * turn - quarter) * (0.5 * math.pi)
+    square = x * x
+    cosine = sine = 1.0
+    for k in range(16, 0, -2):
+        cosine = 1.0 - cosine * square / ((k - 1) * k)
+        sine = 1.0 - sine * square / (k * (k + 1))
+    sine, which = sine * x, quarter & 3
+    a, b = (sine, cosine) if which & 1 != 0 else (cosine, sine)
+    return (-a if which == 1 or which == 2 else a), (-b if which >= 2 else b)
+
+
+@inline
 def around(axis: Vec3, cosine: float, turn: float) -> Vec3:
     """Return a unit vector at a given angle from a unit axis.
 
     cosine : of the angle; turn : 0 to 1, position on the circle around the axis
     """
     s, t = tangents(axis)
-    sine, angle = math.sqrt(max(1.0 - cosine * cosine, 0.0)), 2.0 * math.pi * turn
-    return turned((sine * math.cos(angle), sine * math.sin(angle), cosine), (s, t, axis))
+    sine, (x, y) = math.sqrt(max(1.0 - cosine * cosine, 0.0)), on_circle(turn)
+    return turned((sine * x, sine * y, cosine), (s, t, axis))
 
 
 @inline
