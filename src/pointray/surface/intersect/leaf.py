@@ -31,7 +31,7 @@ from .columns import Along, Axes, axes_of, narrow, narrow_one
 from .disc import search_discs
 from .gather import around, gather, keep_sheet, list_blocks, list_splats, list_splats_of, lists_sheets, segment
 from .lattice import SampleRange, base_spacing, sample_range, span
-from .march import Found, search, search_one
+from .march import Found, Lift, search, search_one
 from .refine import Frame
 from .surface import HALF
 
@@ -46,11 +46,9 @@ def together(tree: Tree) -> bool:
 
 @inline
 def search_alone(
-    tree: Tree, leaf: int, ray: Ray, interval: tuple[float, float, float, float], lift: float, scratch: Scratch
-) -> tuple[Hit, float]:
-    """Find the first hit of a ray in a leaf's voxel; return the hit, and the lift after the search.
-
-    The lift is a constant that is added to f because the ray starts on the surface (start rule), 0 for none.
+    tree: Tree, leaf: int, ray: Ray, interval: tuple[float, float, float, float], lift: Lift, scratch: Scratch
+) -> tuple[Hit, Lift]:
+    """Find the first hit of a ray in a leaf's voxel; return the hit, and the lift after the search (start rule).
 
     interval : (enter, leave, low, high), t where the ray enters and leaves the voxel, and between which (low, high) the
         surface can be
@@ -60,7 +58,7 @@ def search_alone(
     ray are searched first, and then those that face away, each as if the others did not exist.
     """
     enter, leave, low, high = interval
-    hit, lifted = Hit(INF, ZERO, ZERO, ZERO, -1), ZERO
+    hit, height, end = Hit(INF, ZERO, ZERO, ZERO, -1), ZERO, ZERO
     o, d, inverse = (ray.ox, ray.oy, ray.oz), (ray.dx, ray.dy, ray.dz), (ray.ix, ray.iy, ray.iz)
     u, v, w = axes = axes_of(tree, leaf)
     along = (o[u], o[v], o[w]), (d[u], d[v], d[w]), (inverse[u], inverse[v])
@@ -88,7 +86,7 @@ def search_alone(
         base_spacing(tree, leaf),
         broadcast16(ray.side),
     )
-    lifts = broadcast16(lift)
+    lifts = Lift(broadcast16(lift.height), broadcast16(lift.end))
     sought_side = ONE if tree.leaves[leaf * LEAF + SHEETED] != ZERO else ZERO
     list_blocks(tree, leaf, capsule, scratch)
     gather(tree, scratch)
@@ -100,13 +98,13 @@ def search_alone(
             keep_sheet(tree, scratch, frame, sought_side, 1)
         if scratch.counts[sc.COUNT_SPLATS] > 0:
             found = search_one(tree, leaf, frame, sampled, (sought_side, lifts), scratch)
-            lifted = max(lifted, found.lift)
+            height, end = max(height, found.lift.height), max(end, found.lift.end)
             if found.t < hit.t:
                 hit = Hit(found.t, found.nx, found.ny, found.nz, leaf)
         else:
-            lifted = max(lifted, lift)
+            height, end = max(height, lift.height), max(end, lift.end)
         if not sought_side > ZERO:
-            return hit, lifted
+            return hit, Lift(height, end)
         sought_side = -ONE
 
 
@@ -219,7 +217,7 @@ def _four(tree: Tree, leaf: int, part: Array, first: int) -> tuple[Frame, Sample
 def _keep(leaf: int, found: Found, asked: Bits, rays: Bits, first: int, scratch: Scratch) -> Bits:
     """Store in `scratch` the hits of four rays that are nearer than earlier ones in a leaf.
 
-    Returns the rays to which the start rule applies, as bits of the tile.
+    Returns the rays that must be traced singly, by the start rule, as bits of the tile.
 
     found : hits of the four rays; asked : 4 bits, rays whose hits count
     rays : the four rays, as bits of the tile; with fewer than four bits the last lanes of `found` have no hit
@@ -228,7 +226,7 @@ def _keep(leaf: int, found: Found, asked: Bits, rays: Bits, first: int, scratch:
     The loop always takes four steps, so that lanes are compile-time constants, which saves 1 to 2% of the time.
     """
     rows, part, lifted = scratch.model, scratch.part, i64(0)
-    hits, lifts = bits(found.t < repeat4(part, sc.AT_T + first)) & asked, bits(found.lift > ZERO) & asked
+    hits, lifts = bits(found.t < repeat4(part, sc.AT_T + first)) & asked, bits(found.lift.height > ZERO) & asked
     for i in range(4):
         k = count_trailing_zeros(rays | BEYOND)
         rays &= rays - 1
@@ -245,7 +243,7 @@ def _keep(leaf: int, found: Found, asked: Bits, rays: Bits, first: int, scratch:
 def search_together(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
     """Search a leaf for hits of rays of the tile, four rays at a time, and store the hits in `scratch`.
 
-    Returns the rays to which the start rule applies, as bits of the tile; they are traced again, one by one.
+    Returns the rays that must be traced singly, by the start rule, as bits of the tile.
 
     Where two sheets are close together, each ray sees one at a time: those that face it first, then those that face
     away. Rays that see the same sheet are searched together.
@@ -254,7 +252,6 @@ def search_together(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> B
     """
     left = _take(tree, leaf, passing, scratch)
     part, lifted, first = scratch.part, i64(0), 0
-    none = broadcast16(ZERO)
     sheeted = tree.leaves[leaf * LEAF + SHEETED] != ZERO
     while left != 0:
         if first % sc.LANES == 0:
@@ -272,8 +269,8 @@ def search_together(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> B
                 sought_side = ZERO
             now = keep_sheet(tree, scratch, frame, sought_side, waiting) if sought_side != ZERO else waiting
             waiting &= ~now
-            found = search(tree, leaf, frame, sampled, now, (sought_side, none), scratch)
-            if bits((found.t < INF) | (found.lift > ZERO)) != 0:
+            found = search(tree, leaf, frame, sampled, now, sought_side, scratch)
+            if bits((found.t < INF) | (found.lift.height > ZERO)) != 0:
                 lifted |= _keep(leaf, found, now, four, first, scratch)
             if waiting == 0 and sought_side > ZERO:
                 sought_side, waiting = -ONE, rays

@@ -35,6 +35,7 @@ from ...engine.simd import (
 )
 from ..intersect.columns import FLAT
 from ..intersect.leaf import search_alone, search_together, together
+from ..intersect.march import NO_LIFT
 from ..intersect.scattered import begin_scattered, finish_scattered, search_leaf
 from .traverse import ROUNDING, Planes, far_planes, insert, near_planes, prefetch_child, prefetch_columns, walk_begin
 
@@ -150,7 +151,7 @@ def _leaf_intervals(tree: Tree, leaf: int, box: int, planes: tuple[Planes, Plane
 def _search(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
     """Search a leaf for hits of the `passing` rays (bits of the tile) and store these in `scratch`.
 
-    Returns the rays to which the start rule applies, as bits of the tile.
+    Returns the rays that must be traced singly, by the start rule, as bits of the tile.
     """
     if together(tree):
         return search_together(tree, leaf, passing, scratch)
@@ -160,8 +161,8 @@ def _search(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
         i = count_trailing_zeros(passing)
         passing &= passing - 1
         interval = rows[sc.ENTER + i], rows[sc.LEAVE + i], rows[sc.FIRST + i], rows[sc.LAST + i]
-        hit, lift = search_alone(tree, leaf, tile_ray(rows, i), interval, ZERO, scratch)
-        if lift != ZERO:
+        hit, lift = search_alone(tree, leaf, tile_ray(rows, i), interval, NO_LIFT, scratch)
+        if lift.height != ZERO:
             lifted |= i64(1) << i
         if hit.leaf >= 0:
             rows[sc.HIT_T + i], rows[sc.NX + i], rows[sc.NY + i], rows[sc.NZ + i] = hit.t, hit.nx, hit.ny, hit.nz
@@ -219,7 +220,8 @@ def _shorten(tree: Tree, span: tuple[int, int], any_hit: bool, scratch: Scratch)
     Scattered points are searched up to the nearest hit, and the surface up to one step beyond the nearest scattered
     point that is hit: a shorter ray hits what the whole one does.
 
-    span : first ray of the tile, and the end; any_hit : whether a ray with a hit certainly before its end is finished
+    span : first ray of the tile, and the end
+    any_hit : whether a ray with a hit certainly before its end is finished; see `_end_where_hit`
     """
     rows, longest = scratch.model, tree.head[tr.LONGEST]
     ended = broadcast16(-ONE)
@@ -229,7 +231,8 @@ def _shorten(tree: Tree, span: tuple[int, int], any_hit: bool, scratch: Scratch)
         length, end = load16(rows, sc.LENGTH + v), vmin(load16(rows, sc.SCATTER_END + v), surface)
         length = vmin(length, scattered + longest)
         if any_hit:
-            sure = vmin(surface, scattered) < (ONE - ROUNDING) * load16(rows, sc.END + v) - (longest + longest)
+            certain = select(load16(rows, sc.BEGIN + v) < ZERO, vmin(surface, scattered), scattered)
+            sure = certain < (ONE - ROUNDING) * load16(rows, sc.END + v) - (longest + longest)
             length = select(sure, ended, length)
         end = select(length < ZERO, ended, end)
         store(rows, sc.LENGTH + v, length)
@@ -245,11 +248,13 @@ def _end_where_hit(tree: Tree, span: tuple[int, int], scratch: Scratch) -> None:
     span : first ray of the tile, and the end
 
     A hit counts as certain two sample steps before the stored end, which is one step beyond the ray's own: another
-    voxel may find the same root up to a step farther along the ray.
+    voxel may find the same root up to a step farther along the ray. The hit of a ray that may start on the surface
+    is certain only after the search of the leaf where it starts, which may follow: it is ended at its hit.
     """
     rows, steps = scratch.model, tree.head[tr.LONGEST] + tree.head[tr.LONGEST]
     for k in range(span[0], span[1]):
         sure = (scratch.numbers[sc.FOUND + k] >= 0) & (rows[sc.HIT_T + k] < (ONE - ROUNDING) * rows[sc.END + k] - steps)
+        sure &= rows[sc.BEGIN + k] < ZERO
         rows[sc.LENGTH + k] = -ONE if sure else rows[sc.LENGTH + k]
 
 
@@ -271,8 +276,8 @@ def closest_of_tile(table: Array, model: int, span: tuple[int, int], any_hit: bo
     table : addresses of all models' arrays; model : index of the model
     span : first ray of the tile, and the end; any_hit : whether any hit that is certainly before a ray's end suffices
 
-    Returns the rays (as bits) to which the start rule applies: its effect depends on the order of the leaves, so the
-    caller traces these singly.
+    Returns the rays (as bits) that the caller must trace singly, by the start rule: its effect depends on the order of
+    the leaves. Their hits here do not count.
     """
     tree = tree_at(table, model)
     rows = scratch.model

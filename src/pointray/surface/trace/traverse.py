@@ -12,6 +12,7 @@ from ...engine.kernels.vec import Vec3
 from ...engine.simd import INF, ONE, ZERO, bits, broadcast8, count_trailing_zeros, lane, load8, prefetch, vmax, vmin
 from ..intersect.columns import FLAT
 from ..intersect.leaf import search_alone
+from ..intersect.march import NO_LIFT
 from ..intersect.scattered import hit_scattered, nearest_of_leaf
 
 TINY = f32(1e-20)
@@ -147,7 +148,7 @@ def closest(table: Array, model: int, ray: Ray, any_hit: bool, scratch: Scratch)
     scattered points overlap each other and the surface.
     """
     tree = tree_at(table, model)
-    lift, scattered = ZERO, tree.head[tr.SCATTER] > ZERO
+    lift, scattered = NO_LIFT, tree.head[tr.SCATTER] > ZERO
     first = Hit(INF, ZERO, ZERO, ZERO, -1)  # on the surface
     nearest, slot, end = ray.t_max, i64(-1), ray.t_max  # of scattered points; `end`: end of the whole search
     begin = walk_begin(tree, ray.t_min)

@@ -126,6 +126,66 @@ def test_a_ray_that_starts_later_hits_the_same(name, n, kind):
         assert all(on_surface(model, x, d) for x, d in zip(starts, directions[wrong], strict=True))
 
 
+@pytest.mark.filterwarnings("ignore:most normals point inward")
+@pytest.mark.parametrize("order", ["tiles", "alone"])
+def test_rays_along_the_inside_of_a_sphere_hit_it_where_f_is_zero(order):
+    """The chords are a few sample steps long: near their ends f is within the lift of the start rule."""
+    rng, positions = np.random.default_rng(6), sphere_points(3000)
+    model = pr.Model(pr.Points(positions, -positions))
+    scene = pr.Scene()
+    scene.add(model)
+    hits = scene.intersect(*pr.Camera.look_at((0, 0, 0), (1, 0, 0), fov=60, size=(64, 64)).rays())
+    normal, step = -hits.position / np.linalg.norm(hits.position, axis=-1, keepdims=True), model.tree.head[LONGEST]
+    aside = np.cross(normal, (0, 0, 1))
+    aside /= np.linalg.norm(aside, axis=-1, keepdims=True)
+    chord = step * rng.uniform(1.1, 6, (64, 64, 1))
+    rays = np.stack([hits.position, chord / 2 * normal + np.sqrt(1 - chord**2 / 4) * aside])
+    if order == "alone":
+        rays = rng.permutation(rays.reshape(2, -1, 3), axis=1)
+    ends = scene.intersect(*rays)
+    assert np.isfinite(ends.t).all()
+    assert scene.occluded(*rays).all()
+    assert np.abs(np.linalg.norm(ends.position, axis=-1) - 1).max() < 2e-3 * model.radii.min()
+
+
+@pytest.mark.parametrize("order", ["tiles", "alone"])
+def test_rays_along_a_sphere_leave_it_from_just_below_its_surface(order):
+    """They stay within the lift of the start rule for some sample steps, across borders of leaves."""
+    rng, positions = np.random.default_rng(10), sphere_points(20_000)
+    model = pr.Model(pr.Points(positions, positions))
+    scene = pr.Scene()
+    scene.add(model)
+    hits = scene.intersect(*pr.Camera.look_at((3, 0, 0), (0, 0, 0), fov=30, size=(128, 128)).rays())
+    normal = hits.position / np.linalg.norm(hits.position, axis=-1, keepdims=True)
+    aside = np.cross(normal, (0, 0, 1))
+    aside /= np.linalg.norm(aside, axis=-1, keepdims=True)
+    lowest = 1 - 0.8 * START * model.radii.min()
+    height = rng.uniform(lowest, 1, (128, 128, 1))
+    rays = np.stack([height * normal, lowest / height * aside - np.sqrt(1 - (lowest / height) ** 2) * normal])
+    if order == "alone":
+        rays = rng.permutation(rays.reshape(2, -1, 3), axis=1)
+    assert not np.isfinite(scene.intersect(*rays).t).any()
+    assert not scene.occluded(*rays).any()
+
+
+@pytest.mark.parametrize(("name", "n"), CLOUDS)
+def test_a_ray_from_the_surface_hits_the_same_in_a_tile_and_alone(name, n):
+    """Rays leave hits of a camera's rays at up to 6 degrees: many are near the surface for a long way."""
+    (scene, _), rng = scene_of(name), np.random.default_rng(8)
+    hits = scene.intersect(*cast(scene, "tiles", 2 * n))
+    normal = hits.normal[np.isfinite(hits.t)].astype(float)
+    aside = np.cross(normal, rng.normal(size=normal.shape))
+    aside /= np.linalg.norm(aside, axis=-1, keepdims=True)
+    origins, directions = np.zeros((2, 2 * n, 2 * n, 3))  # a direction of zero, which misses, where there is no hit
+    origins[np.isfinite(hits.t)] = hits.position[np.isfinite(hits.t)]
+    directions[np.isfinite(hits.t)] = aside + rng.uniform(0, 0.1, (len(normal), 1)) * normal
+    together = scene.intersect(origins, directions).t
+    assert np.array_equal(scene.occluded(origins, directions), np.isfinite(together))
+    order = rng.permutation(together.size)
+    alone = scene.intersect(origins.reshape(-1, 3)[order], directions.reshape(-1, 3)[order])
+    assert np.array_equal(together.reshape(-1)[order], alone.t)
+
+
 @pytest.mark.parametrize("order", ["tiles", "alone"])
 def test_the_rest_of_a_sample_step_behind_a_clip_plane_is_searched(order):
     """Near a sphere's rim one sample step crosses both sides, and a plane clips the first."""
