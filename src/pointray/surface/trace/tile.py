@@ -7,7 +7,7 @@ that pass all three tests search it. Hits are those of `traverse.closest`.
 
 from __future__ import annotations
 
-from ...engine.jit import Array, i32, i64, inline
+from ...engine.jit import Array, f32, i32, i64, inline
 from ...engine.kernels import scratch as sc, tree as tr
 from ...engine.kernels.scratch import Scratch
 from ...engine.kernels.tree import Ray, Tree, tree_at
@@ -40,6 +40,8 @@ from ..intersect.scattered import begin_scattered, finish_scattered, search_leaf
 from .traverse import ROUNDING, Planes, far_planes, insert, near_planes, prefetch_child, prefetch_columns, walk_begin
 
 ALL = -1  # all rays, as bits of an int64
+# Longest sample steps after which a ray that starts on the surface is certainly not lifted any more (start rule).
+LIFTED = f32(8.0)
 
 
 @inline
@@ -231,7 +233,8 @@ def _shorten(tree: Tree, span: tuple[int, int], any_hit: bool, scratch: Scratch)
         length, end = load16(rows, sc.LENGTH + v), vmin(load16(rows, sc.SCATTER_END + v), surface)
         length = vmin(length, scattered + longest)
         if any_hit:
-            certain = select(load16(rows, sc.BEGIN + v) < ZERO, vmin(surface, scattered), scattered)
+            lifted = surface < load16(rows, sc.BEGIN + v) + LIFTED * longest
+            certain = select(lifted & (load16(rows, sc.BEGIN + v) >= ZERO), scattered, vmin(surface, scattered))
             sure = certain < (ONE - ROUNDING) * load16(rows, sc.END + v) - (longest + longest)
             length = select(sure, ended, length)
         end = select(length < ZERO, ended, end)
@@ -248,13 +251,15 @@ def _end_where_hit(tree: Tree, span: tuple[int, int], scratch: Scratch) -> None:
     span : first ray of the tile, and the end
 
     A hit counts as certain two sample steps before the stored end, which is one step beyond the ray's own: another
-    voxel may find the same root up to a step farther along the ray. The hit of a ray that may start on the surface
-    is certain only after the search of the leaf where it starts, which may follow: it is ended at its hit.
+    voxel may find the same root up to a step farther along the ray. Close to the start of a ray on the surface, a hit
+    is certain only after the search of the leaf where it starts, which may follow: such a ray is ended at its hit.
     """
-    rows, steps = scratch.model, tree.head[tr.LONGEST] + tree.head[tr.LONGEST]
+    rows, longest = scratch.model, tree.head[tr.LONGEST]
+    steps = longest + longest
     for k in range(span[0], span[1]):
         sure = (scratch.numbers[sc.FOUND + k] >= 0) & (rows[sc.HIT_T + k] < (ONE - ROUNDING) * rows[sc.END + k] - steps)
-        sure &= rows[sc.BEGIN + k] < ZERO
+        begin = rows[sc.BEGIN + k]
+        sure &= (begin < ZERO) | (rows[sc.HIT_T + k] > begin + LIFTED * longest)
         rows[sc.LENGTH + k] = -ONE if sure else rows[sc.LENGTH + k]
 
 
