@@ -16,7 +16,7 @@ import subprocess
 import sys
 from typing import NamedTuple
 
-from native.targets import LEVELS, SYSTEMS
+from native.targets import SYSTEMS
 
 KERNEL = "pointray.surface.trace.cast._closest"
 SYSTEM_OF = {level: system for system in ("linux-aarch64", "linux-x86_64") for level in SYSTEMS[system].levels}

@@ -7,8 +7,9 @@ any number of samples, best for powers of two, and the image does not depend on 
 
 from __future__ import annotations
 
+import math
+
 from ..jit import Array, inline
-from .vec import on_circle
 
 # The pairs of dimensions in use; those of a path repeat for each scattering.
 IN_PIXEL, ON_LENS, ON_PATH = 0, 1, 2
@@ -87,11 +88,10 @@ def on_disc(u: float, v: float) -> tuple[float, float]:
     """Map the unit square to the unit disc, preserving areas (concentric map, Shirley and Chiu 1997)."""
     a, b = 2.0 * u - 1.0, 2.0 * v - 1.0
     if abs(a) > abs(b):
-        radius, turn = a, 0.125 * b / a
+        radius, angle = a, 0.25 * math.pi * b / a
     else:
-        radius, turn = b, 0.25 - 0.125 * a / b if b != 0.0 else 0.0
-    x, y = on_circle(turn)
-    return radius * x, radius * y
+        radius, angle = b, math.pi * (0.5 - 0.25 * a / b) if b != 0.0 else 0.0
+    return radius * math.cos(angle), radius * math.sin(angle)
 
 
 @inline

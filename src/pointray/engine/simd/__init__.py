@@ -27,7 +27,6 @@ ZERO, ONE, INF = np.float32(0.0), np.float32(1.0), np.float32(np.inf)
 Bits, Mask, Real = int, object, object  # occur in annotations only, see `__init__.pyi`
 
 
-
 class _ByWidth(Later):
     """Placeholder of one of several device functions, chosen by the lanes of a register when a kernel is compiled."""
 

@@ -61,8 +61,8 @@ def _begin(coordinate: Real, inverse: Real) -> tuple[Real, Real, Real, Real]:
     coordinate : the rays' positions on the axis, in column widths from the voxel's low corner
     inverse : inverse of the rays' direction along the axis
 
-    Returns four vectors, a ray in each lane: index of each ray's first column, 0 to 3; the face through which it leaves a column, 0 for the
-    low one, 1 for the high one; the step to its next column, -1 or 1; index of its last column, 0 or 3.
+    Returns four vectors, a ray in each lane: index of the first column, 0 to 3; the face through which the ray leaves a
+    column, 0 for the low one, 1 for the high one; the step to the next column, -1 or 1; index of the last one, 0 or 3.
     """
     ahead = inverse > ZERO
     column = trunc(vmin(vmax(coordinate, ZERO), LAST))
@@ -127,10 +127,7 @@ def narrow(tree: Tree, leaf: int, axes: Axes, rays: Along[Real], interval: tuple
     for _ in range(MOST):
         column = f32(COLUMNS) * i + j
         slopes = look_up(tree.patches, patch + PATCH_B, column), look_up(tree.patches, patch + PATCH_C, column)
-        borders = (
-            look_up(tree.patches, patch + PATCH_LOW, column),
-            look_up(tree.patches, patch + PATCH_HIGH, column),
-        )
+        borders = (look_up(tree.patches, patch + PATCH_LOW, column), look_up(tree.patches, patch + PATCH_HIGH, column))
         # The outermost columns end with the voxel, except for rounding.
         out_u = select((end_u - i) * next_u > ZERO, (i + side_u - u) * iu, INF)
         out_v = select((end_v - j) * next_v > ZERO, (j + side_v - v) * iv, INF)

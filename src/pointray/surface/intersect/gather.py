@@ -115,7 +115,7 @@ def around(part: Array, ends: tuple[int, int], frame: Frame, half: F16 | float, 
 
 @inline
 def _distances(capsule: Capsule, x: Real, y: Real, z: Real) -> Real:
-    """Return lower bounds of the squared distances of points, one in each lane, from a capsule's segment, tight except for rounding."""
+    """Return lower bounds of the squared distances of points from a capsule's segment, tight except for rounding."""
     x, y, z = x - capsule.x, y - capsule.y, z - capsule.z
     along = x * capsule.dx + y * capsule.dy + z * capsule.dz
     beyond = vmax(vabs(along) - capsule.half, number_like(ZERO, x))

@@ -140,7 +140,11 @@ def _take(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
         if word == 0:
             continue
         low, high = narrow(
-            tree, leaf, axes, _along(axes, rows, v), (load_register(rows, sc.FIRST + v), load_register(rows, sc.LAST + v))
+            tree,
+            leaf,
+            axes,
+            _along(axes, rows, v),
+            (load_register(rows, sc.FIRST + v), load_register(rows, sc.LAST + v)),
         )
         met = low <= high
         interval = load_register(rows, sc.ENTER + v), select(met, low, ZERO), select(met, high, ZERO)

@@ -241,7 +241,7 @@ evaluate_one_ray = by_width(_evaluate_all, _evaluate_half, _evaluate_half)
 
 
 @inline
-def crossing(a: F16, b: F16) -> Mask:
+def crossing(a: Real, b: Real) -> Mask:
     """Return whether the signs of two values differ: zero counts as positive, and NaN has no sign."""
     return ((a < ZERO) & (b >= ZERO)) | ((a >= ZERO) & (b < ZERO))
 
@@ -323,17 +323,13 @@ def _values(surface: int, frame: Frame, means: Means, lift: Real) -> Values:
 
 
 @inline
-def _at_four(
-    tree: Tree, scratch: Scratch, frame: Frame, t: F16, start: F16, lift: F16, fa: F16, doing: Bits
-) -> Values:
+def _at_four(tree: Tree, scratch: Scratch, frame: Frame, t: F16, start: F16, lift: F16, fa: F16, doing: Bits) -> Values:
     """Evaluate f at four samples of each of four rays."""
     return _values(int(tree.head[SURFACE]), frame, means_at(scratch, frame, t, start), lift)
 
 
 @inline
-def _at_two(
-    tree: Tree, scratch: Scratch, frame: Frame, t: F16, start: F16, lift: F16, fa: F16, doing: Bits
-) -> Values:
+def _at_two(tree: Tree, scratch: Scratch, frame: Frame, t: F16, start: F16, lift: F16, fa: F16, doing: Bits) -> Values:
     """Evaluate f at the second and third of four samples first; if it changes sign between them, that is all.
 
     The first and the last sample then get the values of their neighbours, as if f did not change sign there.

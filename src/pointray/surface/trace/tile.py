@@ -106,7 +106,9 @@ def tile_ray(rows: Array, i: int) -> Ray:
 
 @inline
 def _leaf_intervals(tree: Tree, leaf: int, box: int, planes: tuple[Planes, Planes, float], rows: Array, v: int) -> Bits:
-    """Test as many rays of the tile as a register holds, from v on, against a leaf's voxel, box and slab; return as bits those that pass all.
+    """Test rays of the tile, from v on as many as fill a register, against a leaf's voxel, box and slab.
+
+    Returns as bits those that pass all three.
 
     Rows ENTER to LAST of `rows` receive t where each ray enters and leaves the voxel, and between which the surface
     can be.
@@ -138,7 +140,9 @@ def _leaf_intervals(tree: Tree, leaf: int, box: int, planes: tuple[Planes, Plane
     )
     mx, my, mz = leaves[offset + tr.SLAB], leaves[offset + tr.SLAB + 1], leaves[offset + tr.SLAB + 2]
     height = mx * ox + my * oy + mz * oz
-    rise = mx * load_register(rows, sc.DX + v) + my * load_register(rows, sc.DY + v) + mz * load_register(rows, sc.DZ + v)
+    rise = (
+        mx * load_register(rows, sc.DX + v) + my * load_register(rows, sc.DY + v) + mz * load_register(rows, sc.DZ + v)
+    )
     rise = ONE / select(vabs(rise) < FLAT, FLAT, rise)
     a, b = (leaves[offset + tr.SLAB_LO] - height) * rise, (leaves[offset + tr.SLAB_HI] - height) * rise
     first, last = vmax(first, vmin(a, b)), vmin(leave, vmax(a, b))

@@ -1,8 +1,14 @@
 """Vectors compared with NumPy."""
 
+import os
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
+from native.__main__ import best_level, this_system
+from native.targets import LEVELS, SYSTEMS
 from pointray.engine import jit
 from pointray.engine.jit import kernel
 from pointray.engine.simd import (
@@ -11,25 +17,38 @@ from pointray.engine.simd import (
     broadcast8,
     broadcast16,
     broadcast_from,
+    broadcast_like,
     columns,
     count_bits,
     count_trailing_zeros,
+    extend_lane,
+    extend_quarter,
     first_quarter,
     gather16,
     gather_rows8,
+    high_half,
     join4,
+    join_halves,
     lane,
     last_quarter,
     load8,
     load16,
     load16_int,
     load_apart16,
-    mask16,
-    one_bit,
-    pack,
+    load_register,
     look_up,
+    low_half,
+    mask16,
+    mask_register,
+    middle_half,
+    number_like,
+    one_bit,
+    outer_half,
+    pack,
     power_of_two,
+    put_around,
     quarters,
+    register_lanes,
     repeat4,
     select,
     shift_quarter,
@@ -38,6 +57,7 @@ from pointray.engine.simd import (
     sum_over_lanes,
     sum_over_quarters,
     sums_of_fours,
+    swap_halves,
     third_quarter,
     trunc,
     vabs,
@@ -171,6 +191,46 @@ def test_numbers_are_looked_up_by_index():
     _looked_up(a, indices, out)
     assert np.array_equal(out[:16], a[5 + indices.astype(int)])
     assert np.array_equal(out[16:].reshape(4, 4), a[np.add.outer([20, 1, 1, 7], np.arange(4))])
+
+
+@kernel
+def _parts(a, out):
+    v = load16(a, 0)
+    low, high = low_half(v), high_half(v)
+    store(out, 0, join_halves(high, low))
+    store(out, 16, put_around(outer_half(v), middle_half(v)))
+    store(out, 32, extend_quarter(low))
+    store(out, 48, extend_lane(low))
+    store(out, 64, join_halves(swap_halves(low), number_like(a[3], low) + broadcast_like(a, 5, low)))
+    lanes = register_lanes()
+    for k in range(0, 16, lanes):
+        store(out, 80 + k, select(mask_register(0xB6D3 >> k), load_register(a, k), look_up(a, 8, load_register(a, k))))
+    return lanes
+
+
+def test_parts_of_vectors_and_registers():
+    rng = np.random.default_rng(7)
+    a, out = rng.integers(0, 16, 24).astype(np.float32), np.zeros(96, np.float32)
+    lanes = _parts(a, out)
+    v = a[:16]
+    want = [v[8:], v[:8], v, v[:8], v[4:8], v[4:8], v[:8], np.repeat(v[7], 8), v[4:8], v[:4], np.repeat(v[3] + v[5], 8)]
+    want.append(np.where((0xB6D3 >> np.arange(16)) & 1, v, a[8 + v.astype(int)]))
+    assert lanes in (4, 8, 16) and np.array_equal(out, np.concatenate(want))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("level", ["x86-64", "x86-64-v2", "x86-64-v3"])
+def test_registers_of_any_width_do_the_same(level, tmp_path):
+    """All tests of this file with kernels compiled for other processors, the first of them without SSE4."""
+    best = best_level(this_system()) if this_system() in SYSTEMS else None
+    if best is None or level > best:
+        pytest.skip(f"not for {best}")
+    features = LEVELS[level].features if level in LEVELS else ""
+    env = {**os.environ, "POINTRAY_KERNELS": "jit", "POINTRAY_CACHE": str(tmp_path)}
+    env |= {"NUMBA_CPU_NAME": level, "NUMBA_CPU_FEATURES": features}
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not long", __file__]
+    done = subprocess.run(command, env=env, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout[-2000:]
 
 
 @kernel
