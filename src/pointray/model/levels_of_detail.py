@@ -7,12 +7,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..base.arrays import Floats
+from ..base.choices import AS_SPHERES
 from ..base.progress import StageProgress
 from ..cloud.denoising.smooth import Placed
 from ..cloud.points import Points
 from ..surface.splats.build import Sizes, make_splats
 from ..surface.splats.levels import LEAST_GAIN, LEAST_POINTS, SUPPORT, coarsen
-from ..surface.splats.scattered.levels import ScatteredPoints, coarsen_scattered, joined
+from ..surface.splats.scattered.levels import ScatteredPoints, coarsen_scattered, covering_radius, joined
 from ..surface.splats.scattered.spheres import Drawing
 from ..surface.tree.settings import check_settings
 from ..surface.tree.stored import stored_splats
@@ -21,14 +22,18 @@ from .model_data import ModelData
 
 LEVEL_SAMPLES = 2  # N of levels of detail: error and flicker of 4, in 0.86 (1,000 statues) to 0.92 (24) of the time
 LEVEL_SETTINGS = check_settings("paper", LEVEL_SAMPLES, 1, "auto")
+FEWEST_SPHERES = 50  # points of the last level, which is drawn as spheres
+SPHERES_FINER = 0.7  # ratio of their cells to those that the next level would have
+PIXEL = 0.3  # of the views in which they cover as much as the model, in cells
 COARSER = 2.0  # ratio of a level's cell size to that of the level before; for the first level to the model's spacing
 
 
 def make_levels(data: ModelData, report: StageProgress) -> Iterator[ModelData]:
     """Yield the levels of detail of a model, from fine to coarse, each with twice the point spacing of the one before.
 
-    Points that share a grid cell and face about the same way are averaged. No level is made that would have fewer than
-    700 points, or more than 2/3 as many as the one before.
+    Points that share a grid cell and face about the same way are averaged. The first level that would have fewer than
+    700 points is drawn as spheres only, and is the last; no level has fewer than 50 points, or more than 2/3 as many as
+    the one before.
 
     report : called with the name of the stage and its completed share
     """
@@ -47,18 +52,42 @@ def make_levels(data: ModelData, report: StageProgress) -> Iterator[ModelData]:
     spacing, count, limits = data.spacing if surface is None else float(np.median(radii)), len(rows), radii
     while True:
         spacing *= COARSER
+        finer = surface, scattered
         if surface is not None:
             surface, limits, noise = coarsen(surface, radii, spacing, noise)
         scattered = None if scattered is None else coarsen_scattered(scattered, spacing)
         before, count = count, _count(surface, scattered)
-        if count < LEAST_POINTS or count * LEAST_GAIN > before:
+        if count < FEWEST_SPHERES or count * LEAST_GAIN > before:
             return
         report("levels", 1.0 - count / len(points))
+        if count < LEAST_POINTS:
+            if finer[0] is not None:
+                yield _as_spheres(finer[0], finer[1], radii, (spacing * SPHERES_FINER, positions))
+            return
         drawing = data.drawing if scattered is None else scattered.drawing(data.drawing.scatter, spacing)
         placed = None if surface is None else Placed(surface, noise)
         level = _make_level(placed, (SUPPORT * spacing, limits), scattered, drawing)
         radii = level.radii[: len(limits)]
         yield level
+
+
+def _as_spheres(
+    surface: Points, scattered: ScatteredPoints | None, radii: Floats, means: tuple[float, Floats]
+) -> ModelData:
+    """Build a level of detail of spheres only, for instances of a few pixels, from the points of the finer level.
+
+    surface, radii : points of the surface, and their support radii; scattered : the others, if any
+    means : edge length of the grid cells in which points are averaged, and all points of the model, (n, 3) float32
+    """
+    cell, positions = means
+    mean = coarsen(surface, radii, cell)[0]
+    radius = covering_radius(positions, mean.positions, cell * PIXEL)
+    spheres = ScatteredPoints(mean, np.full(len(mean), radius, np.float32))
+    if scattered is not None:
+        others = coarsen_scattered(scattered, cell)
+        spheres = ScatteredPoints(joined(mean, others.points), np.concatenate([spheres.radii, others.radii]))
+    options = BuildOptions(LEVEL_SETTINGS, 1.0, 0.0, spheres.drawing(AS_SPHERES, cell))
+    return assemble(spheres.points, options, None, spheres.splats(0), ignore_progress)
 
 
 def _count(surface: Points | None, scattered: ScatteredPoints | None) -> int:

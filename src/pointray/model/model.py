@@ -297,7 +297,8 @@ class Model(TraceableModel):
         `levels` is a tuple of models from fine to coarse. Each has half as many points along a line as the one before.
         Images then show each instance in the level that fits its distance: less flicker in motion, higher frame rates.
         Levels have the surface "paper" with 2 samples over a support's diameter, as their points are about as far apart
-        as pixels. Memory grows by a third. `Settings(levels=False)` ignores them.
+        as pixels. The last level of a surface, of less than 700 points, is drawn as spheres. Memory grows by a third.
+        `Settings(levels=False)` ignores levels.
 
         Parameters
         ----------

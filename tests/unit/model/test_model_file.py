@@ -200,7 +200,7 @@ def test_an_old_file_without_levels_is_read(tmp_path, saved):
 
 def test_a_damaged_level_is_an_error(tmp_path, leveled):
     model = pr.Model.load(leveled[1])
-    model.levels[-1].tree.refs[3] = 10**8
+    model.levels[0].tree.refs[3] = 10**8
     model.save(tmp_path / "m")
     with pytest.raises(ValueError, match="damaged"):
         pr.Model.load(tmp_path / "m")

@@ -12,6 +12,7 @@ from helpers.tree_check import check_tree
 from pointray.cloud.kd_ordering import compute_kd_ordering
 from pointray.cloud.statistics import CloudStatistics
 from pointray.engine.kernels.tree import NO_CHILD, SCATTERED, first_scattered
+from pointray.surface.splats.scattered.levels import covering_radius
 from pointray.surface.splats.scattered.spheres import Drawing, shapes_of
 from pointray.surface.tree.indices import check_indices
 from pointray.surface.tree.scattered import scattered_of
@@ -369,8 +370,43 @@ def test_levels_of_surface_and_spheres(rng):
     model = tree_on_ground(rng, n=20_000)
     model.make_levels()
     for level in model.levels:
-        assert 0.02 < level.scattered.mean() < 0.9
+        assert 0.02 < level.scattered.mean() < 0.9 or level is model.levels[-1]
         assert check_indices(level.tree, len(level.points)) == []
+    assert model.levels[-1].scattered.all() and 50 <= len(model.levels[-1].points) < 700
+
+
+def plate():
+    """Points on both sides of a thin plate of 2 x 2, 10,000 a side, in random order."""
+    x, y = (a.ravel() for a in np.meshgrid(*[np.linspace(-1, 1, 100)] * 2))
+    body = np.concatenate([np.column_stack([x, y, np.full(len(x), z)]) for z in (-0.02, 0.02)]).astype(np.float32)
+    normals = np.repeat(np.float32([[0, 0, -1], [0, 0, 1]]), len(x), axis=0)
+    return pr.Points(body, normals)
+
+
+@pytest.mark.parametrize("points", [plate(), pr.procedural("sphere", 20_000)], ids=["plate", "ball"])
+def test_the_last_level_of_a_surface_hides_most_of_what_the_model_hides(points):
+    """Seen along the axes: spheres leave few holes, and hardly widen the outline."""
+    model = pr.Model(points)
+    model.make_levels()
+    level, size = model.levels[-1], (96, 96)
+    assert level.scattered.all() and level.spacing == pytest.approx(1.4 * model.levels[-2].spacing, rel=0.01)
+    seen = []
+    for shown in (model, level):
+        scene = scene_of(shown)
+        cameras = [pr.Camera.frame(model.bounds, side, fov=3, size=size) for side in ((0.01, 0, 1), (0.01, 0, -1))]
+        seen.append(np.array([np.isfinite(scene.intersect(*camera.rays()).t) for camera in cameras]))
+    whole, spheres = seen
+    assert whole.mean() > 0.4
+    assert (spheres & whole).sum() > 0.8 * whole.sum() and (spheres & ~whole).sum() < 0.2 * whole.sum()
+
+
+def test_spheres_cover_nine_tenths_of_a_square():
+    """Centres on a grid of width 1: the radius at which discs cover nine tenths of a cell lies near 0.557 (by quadrature)."""
+    rng = np.random.default_rng(5)
+    square = np.column_stack([*rng.uniform(0, 20, (2, 100_000)), np.zeros(100_000)]).astype(np.float32)
+    grid = np.stack(np.meshgrid(np.arange(20) + 0.5, np.arange(20) + 0.5, [0.0]), axis=-1).reshape(-1, 3)
+    radius = covering_radius(square, grid.astype(np.float32), 0.2)
+    assert radius == pytest.approx(0.557, abs=0.01)
 
 
 @pytest.mark.parametrize("scatter", ["spheres", "discs"])
