@@ -94,7 +94,7 @@ def coarsen_scattered(
 
 
 def covering_radius(positions: Floats, centers: Floats, pixel: float) -> float:
-    """Return the radius with which spheres hide most of what the points hide that they replace, in views along the axes.
+    """Return the radius with which spheres hide most of what the points do that they replace, in views along the axes.
 
     A share COVERED of the pixels inside of the outlines is covered: spheres of a closed body hardly widen its outline,
     and those of a sheet leave few holes in it.

@@ -401,7 +401,7 @@ def test_the_last_level_of_a_surface_hides_most_of_what_the_model_hides(points):
 
 
 def test_spheres_cover_nine_tenths_of_a_square():
-    """Centres on a grid of width 1: the radius at which discs cover nine tenths of a cell lies near 0.557 (by quadrature)."""
+    """Centres on a grid of width 1: discs of radius 0.557 cover nine tenths of it (by quadrature)."""
     rng = np.random.default_rng(5)
     square = np.column_stack([*rng.uniform(0, 20, (2, 100_000)), np.zeros(100_000)]).astype(np.float32)
     grid = np.stack(np.meshgrid(np.arange(20) + 0.5, np.arange(20) + 0.5, [0.0]), axis=-1).reshape(-1, 3)
