@@ -24,7 +24,7 @@ LEVEL_SAMPLES = 2  # N of levels of detail: error and flicker of 4, in 0.86 (1,0
 LEVEL_SETTINGS = check_settings("paper", LEVEL_SAMPLES, 1, "auto")
 FEWEST_SPHERES = 50  # points of the last level, which is drawn as spheres
 SPHERES_FINER = 0.7  # ratio of their cells to those that the next level would have
-PIXEL = 0.3  # of the views in which they cover as much as the model, in cells
+PIXEL = 0.3  # of the views that determine their radius, in cells
 COARSER = 2.0  # ratio of a level's cell size to that of the level before; for the first level to the model's spacing
 
 

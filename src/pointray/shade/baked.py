@@ -20,7 +20,6 @@ from ..engine.simd import (
     broadcast16,
     count_trailing_zeros,
     lane,
-    prefetch,
     quarters,
     repeat4,
     store,
@@ -81,7 +80,7 @@ def _normals(world: World, instance: int, four: Four, scratch: Scratch) -> FourP
 
 
 @inline
-def _weigh(world: World, tree: Tree, four: Four, records: Array, scratch: Scratch) -> None:
+def _weigh(world: World, tree: Tree, four: Four, scratch: Scratch) -> None:
     """Find the splats whose baked light is blended at four hits in one leaf, and their weights.
 
     The indices of the splats' blocks are written to `Scratch.near`, and 16 weights for each block to `Scratch.splats`:
@@ -92,7 +91,6 @@ def _weigh(world: World, tree: Tree, four: Four, records: Array, scratch: Scratc
     nearest one gets weight 1. A scattered point takes only its own light.
 
     four : indices of the four rays in the tile
-    records : the light records that will be read, which are prefetched
     """
     part, splats = scratch.part, scratch.splats
     leaf, instance = scratch.numbers[sc.LEAF_OF + four[0]], scratch.numbers[sc.INSTANCE_OF + four[0]]
@@ -112,7 +110,6 @@ def _weigh(world: World, tree: Tree, four: Four, records: Array, scratch: Scratc
         w = weights_seen(tree, block, places, sheet, part)
         if bits(w > zero) == 0:  # saves reading its records
             continue
-        prefetch(records, block * baked_sums.FOUR)
         at = block * BLOCK
         cosine = (
             nx * repeat4(tree.blocks, at + NX) + ny * repeat4(tree.blocks, at + NY) + nz * repeat4(tree.blocks, at + NZ)
@@ -181,8 +178,9 @@ def _find_four(world: World, four: Four, first: bool, scratch: Scratch) -> None:
             store3(points, sc.ARRIVING + four[r], BLACK)
         return
     if world.instances[instance * rec.INSTANCE + rec.KIND] == rec.MODEL:
-        tree = tree_at(world.table, i64(world.instances[instance * rec.INSTANCE + rec.SHAPE_ROW]))
-        _weigh(world, tree, four, records, scratch)
+        _weigh(
+            world, tree_at(world.table, i64(world.instances[instance * rec.INSTANCE + rec.SHAPE_ROW])), four, scratch
+        )
         if world.baked[instance * rec.BAKED + rec.BAKED_SPREAD] != 0:
             baked_sums.spread_out(_spread(world, instance), scratch)
     else:
