@@ -1,11 +1,13 @@
 """Measure the viewer's speed: in Debian's chromium while the mouse drags, of the server alone, and when it opens.
 
-    python -m bench.viewer.viewer [--points 1000000] [--size 1280x720] [--seconds 6] [--runs 3] [--scan FILE]
+    python -m bench.viewer.viewer [--points 1000000] [--size 1280x720] [--seconds 6] [--runs 3] [--scan FILE] [--sun]
                            [--only page|server|opening] [--json FILE]
 
-The scene is a statue under a sun with shadows, by phong. "page" drags with real mouse moves, 60 a second; it counts
-frames drawn, the time from a mouse move's camera message to its picture, the sizes of moving pictures, bytes, and
-processor seconds a frame of each process. "server" sends the same cameras from a client that only acknowledges.
+The scene is a statue in the default look, when its light is baked, or under a sun with shadows. "page" drags with real
+mouse moves, 60 a second; it counts frames drawn, the time from a mouse move's camera message to its picture, the time
+from the last move to a picture of all pixels, the sizes of moving pictures, bytes, and processor seconds a frame of
+each process; "bench" is the one that moves the mouse. "server" sends the same cameras from a client that only
+acknowledges. Chromium composites on the CPU, as it does on a computer without a graphics card.
 "opening" measures the time from the command `pointray view` with the statue or another scan to the first and to the
 full picture, with all kernels compiled and on a first start without any. Each figure is the median of the runs, with
 minimum and maximum.
@@ -43,16 +45,27 @@ PROGRAM = "from pointray.cli import main; main()"
 SUN = "sun:1,1,-1.5:3"
 RATE = 60.0  # mouse moves and cameras a second
 WARM = 3.0  # seconds of moving that are not counted, in which the pace finds its scale
-FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-background-networking"]
-# Runs before the page's own code: notes what its socket receives.
+BAKED = 120.0  # seconds within which light is baked
+FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
+# Runs before the page's own code: notes what its socket receives, when pictures are shown, and the last mouse move.
 LISTEN = """
-window.taken = { bytes: 0, frames: [] };
+window.taken = { bytes: 0, frames: [], shown: [], moved: 0, bakes: false };
+const { transferFromImageBitmap } = ImageBitmapRenderingContext.prototype;
+ImageBitmapRenderingContext.prototype.transferFromImageBitmap = function (bitmap) {
+    taken.shown.push([performance.now(), bitmap.width]);
+    transferFromImageBitmap.call(this, bitmap);
+};
+addEventListener("pointermove", () => (taken.moved = performance.now()), true);
 window.WebSocket = class extends WebSocket {
     constructor(...words) {
         super(...words);
         this.addEventListener("message", ({ data }) => {
             taken.bytes += data.byteLength ?? data.length;
-            if (typeof data === "string") return;
+            if (typeof data === "string") {
+                const { type, stage } = JSON.parse(data);
+                if (type === "progress") taken.bakes = stage !== "";
+                return;
+            }
             const text = new Uint8Array(data, 4, new DataView(data).getUint32(0, true));
             const { stage, width, height } = JSON.parse(new TextDecoder().decode(text));
             taken.frames.push(`${stage} ${width}x${height}`);
@@ -65,9 +78,12 @@ Figures = dict[str, Any]
 
 @contextmanager
 def serving(
-    file: Path, *options: str, cache: str | None = None, light: str | None = SUN
+    file: Path, *options: str, cache: str | None = None, light: str | None = None
 ) -> Iterator[tuple[psutil.Process, str]]:
-    """`pointray view` of a file: the process and its address. cache : folder of kernels, or None for the usual one"""
+    """`pointray view` of a file: the process and its address.
+
+    cache : folder of kernels, or None for the usual one; light : instead of the default look
+    """
     environment = {**os.environ, **({"POINTRAY_CACHE": cache} if cache else {})}
     words = [
         sys.executable,
@@ -123,17 +139,20 @@ def measure_page(page: Page, server: psutil.Process, size: tuple[int, int], seco
     page.mouse.move(0.4 * size[0], 0.5 * size[1])
     page.mouse.down()
     drag(page, size, WARM)
-    page.evaluate("pointray.latency.length = 0, taken.bytes = 0, taken.frames = []")
+    page.evaluate("pointray.latency.length = 0, taken.bytes = 0, taken.frames = [], taken.shown = []")
     drawn, spent, begun = page.evaluate("pointray.frames"), seconds_of(server), time.perf_counter()
     moves = drag(page, size, seconds)
     passed = time.perf_counter() - begun
     drawn = page.evaluate("pointray.frames") - drawn
     spent = seconds_of(server) - spent
     latency, taken = page.evaluate("[pointray.latency, taken]")
+    time.sleep(WARM)
+    moved, shown = page.evaluate("[taken.moved, taken.shown]")
     page.mouse.up()
     kinds = Counter(taken["frames"])
     return {
         "fps": drawn / passed,
+        "ms_to_all_pixels": next(at for at, width in shown if at > moved and width == size[0]) - moved,
         "latency_ms": statistics.median(latency),
         "latency_p95_ms": float(np.quantile(latency, 0.95)),
         "mib_per_s": taken["bytes"] / passed / 2**20,
@@ -143,14 +162,16 @@ def measure_page(page: Page, server: psutil.Process, size: tuple[int, int], seco
     }
 
 
-def measure_pages(file: Path, size: tuple[int, int], seconds: float, runs: int) -> list[Figures]:
-    """Drags in a browser that stays open."""
-    with serving(file) as (server, url), sync_playwright() as play:
+def measure_pages(file: Path, size: tuple[int, int], seconds: float, runs: int, light: str | None) -> list[Figures]:
+    """Drags in a browser that stays open, after light is baked."""
+    with serving(file, light=light) as (server, url), sync_playwright() as play:
         browser = play.chromium.launch(executable_path=shutil.which("chromium"), args=FLAGS)
         page = browser.new_page(bypass_csp=True, viewport={"width": size[0], "height": size[1]})
         page.add_init_script(LISTEN)
         page.goto(url)
-        page.wait_for_function("pointray.last?.stage === 'refined'", timeout=120e3)
+        page.wait_for_function("pointray.last?.stage === 'refined' && !taken.bakes", timeout=1e3 * BAKED)
+        page.wait_for_timeout(1e3 * WARM)  # baking may begin only now
+        page.wait_for_function("pointray.last?.stage === 'refined' && !taken.bakes", timeout=1e3 * BAKED)
         rows = [measure_page(page, server, size, seconds) for _ in range(runs)]
         browser.close()
     return rows
@@ -203,13 +224,31 @@ def orbit(link: ClientConnection, camera: dict[str, Any], seconds: float) -> tup
     return size, latency, kinds
 
 
-def measure_server(file: Path, size: tuple[int, int], seconds: float, runs: int) -> list[Figures]:
-    """Figures of a client that only acknowledges."""
+def wait_for_light(link: ClientConnection) -> dict[str, Any]:
+    """Acknowledge pictures until nothing has been loaded, built or baked for WARM seconds; return the camera."""
+    camera, busy, quiet = {}, True, time.perf_counter()
+    while busy or time.perf_counter() - quiet < WARM:
+        try:
+            message = link.recv(timeout=WARM)
+        except TimeoutError:
+            continue
+        if isinstance(message, bytes):
+            send(link, "seen", number=unpack(message)["number"])
+            continue
+        message = json.loads(message)
+        if message["type"] == "camera":
+            camera = message
+            send(link, "camera", **{name: message[name] for name in ("eye", "target", "up", "fov")}, time=0)
+        elif message["type"] == "progress":
+            busy, quiet = message["stage"] != "", time.perf_counter()
+    return camera
+
+
+def measure_server(file: Path, size: tuple[int, int], seconds: float, runs: int, light: str | None) -> list[Figures]:
+    """Figures of a client that only acknowledges, after light is baked."""
     rows = []
-    with serving(file) as (server, url), linked(url, size) as link:
-        while not isinstance(message := link.recv(), str) or json.loads(message)["type"] != "camera":
-            pass
-        camera = json.loads(message)
+    with serving(file, light=light) as (server, url), linked(url, size) as link:
+        camera = wait_for_light(link)
         for _ in range(runs):
             orbit(link, camera, WARM)
             spent, begun = seconds_of(server), time.perf_counter()
@@ -238,7 +277,7 @@ def measure_opening(
     def note(name: str, at: float | None = None) -> None:
         events.setdefault(name, time.perf_counter() - begun if at is None else at)
 
-    with serving(file, *options, cache=cache) as (_, url):
+    with serving(file, *options, cache=cache, light=SUN) as (_, url):
         note("the address")
         with linked(url, size) as link:
             while True:
@@ -295,21 +334,20 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=6.0)
     parser.add_argument("--runs", type=int, default=3)
     parser.add_argument("--scan", type=Path, help="open this .ply instead of the statue")
+    parser.add_argument("--sun", action="store_true", help="a sun with shadows instead of the default look")
     parser.add_argument("--only", choices=("page", "server", "opening"))
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     width, height = map(int, options.size.split("x"))
-    arguments = (width, height), options.seconds, options.runs
+    arguments = (width, height), options.seconds, options.runs, SUN if options.sun else None
     with tempfile.TemporaryDirectory(prefix="pointray-") as folder:
-        scan, model = Path(folder, "statue.ply"), Path(folder, "statue.pointray")
-        points = pr.procedural("statue", options.points)
-        pr.write(scan, points)
-        pr.Model(points).save(model)
-        scan = options.scan or scan
+        scan = options.scan or Path(folder, "statue.ply")
+        if options.scan is None:
+            pr.write(scan, pr.procedural("statue", options.points))
         opened = scan, arguments[0], len(pr.read(scan))
         works = {
-            "page": lambda: measure_pages(model, *arguments),
-            "server": lambda: measure_server(model, *arguments),
+            "page": lambda: measure_pages(scan, *arguments),
+            "server": lambda: measure_server(scan, *arguments),
             "opening": lambda: [measure_opening(*opened) for _ in range(options.runs)],
             "opening for the first time": lambda: [measure_first_opening(*opened) for _ in range(options.runs)],
         }

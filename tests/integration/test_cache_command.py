@@ -99,3 +99,14 @@ def test_the_viewer_loads_cached_models(scan, monkeypatch):
     assert entry.store(pr.Model(pr.read(scan)))  # as `render` keeps it
     assert load()[-1] == first[-1]
     assert load() == [first[-1]]
+
+
+@pytest.mark.parametrize(("surface", "leveled"), [("apss", True), ("disc", False)])
+def test_the_viewer_adds_levels_to_a_saved_model(tmp_path, monkeypatch, surface, leveled):
+    monkeypatch.setattr(loading, "is_warm", lambda *_: True)
+    monkeypatch.setattr(loading, "LARGE_FROM", 4000)
+    path, shared = tmp_path / "saved.pointray", Shared()
+    pr.Model(pr.procedural("torus", 5000), surface=surface).save(path)
+    loading.FileLoader([path], {}, lambda scene: (0.0, 0.0, 1.0))(shared)
+    assert shared.shown[0] == (5000, 0, False)
+    assert (shared.shown[-1][1] > 0) == leveled

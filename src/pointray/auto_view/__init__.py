@@ -5,7 +5,8 @@ clusters: the points to frame, without distant and duplicate ones
 upright: up direction from weighted evidence; evidence: scores from the shape; stability, planes: their inputs
 camera_frame: detection of depth camera frames
 direction: view direction; framing: camera distance; coverage: share of the image that points cover
-studio: lights; contact: contact shadow of a standing object; fronts: test for visible back faces
+studio: lights; fronts: test for visible back faces
+contact: contact shadow of a standing object; shadow_under_image: kernel that composites it
 first_view: all of these together, as `pointray.frame`. Begin here.
 """
 

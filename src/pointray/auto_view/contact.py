@@ -20,6 +20,7 @@ from ..engine.kernels.records import ACROSS, EYE, FORWARD, ORTHOGRAPHIC, PANORAM
 from ..rendering.camera import Camera
 from ..scene.scene import Scene
 from .direction import axes_of
+from .shadow_under_image import put_under
 
 CELLS = 72  # grid cells per side
 SKY_RAYS, KEY_RAYS = 16, 8  # per cell
@@ -54,52 +55,20 @@ class ContactShadow(NamedTuple):
     half: float
     shadow: Floats
 
-    def for_camera(self, camera: Camera) -> Floats | None:
-        """Return the shadow's alpha in a camera's image, (h, w), or None for panoramas and cameras below the ground."""
-        record, (width, height) = camera.record(), camera.size
-        axes = self.axes @ np.stack([record[k : k + 3] for k in (FORWARD, ACROSS, UPWARD)]).T  # each axis: f, r, u
-        eye = self.axes @ (record[EYE : EYE + 3] - self.middle)
-        if record[PROJECTION] == PANORAMA or eye[2] <= 0.0:
-            return None
-        right = ((2 * np.arange(width) + 1) / width - 1)[None, :]
-        upward = (1 - (2 * np.arange(height) + 1) / height)[:, None]
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            if record[PROJECTION] == ORTHOGRAPHIC:
-                start = [eye[k] + right * axes[k, 1] + upward * axes[k, 2] for k in range(3)]
-                t = -start[2] / axes[2, 0]
-                place = [start[k] + t * axes[k, 0] for k in range(2)]
-            else:
-                toward = [axes[k, 0] + right * axes[k, 1] + upward * axes[k, 2] for k in range(3)]
-                t = -eye[2] / toward[2]
-                place = [eye[k] + t * toward[k] for k in range(2)]
-        return self._look_up(place[0], place[1], t)
-
-    def _look_up(self, x: Doubles, y: Doubles, t: Doubles) -> Floats:
-        """Return the shadow at positions on the ground, interpolated; 0 outside the grid and behind the camera.
-
-        x, y : relative to the grid's centre, along its axes; t : distance along the ray, negative behind the camera
-        """
-        out = np.zeros(t.shape, np.float32)
-        inside = (t > 0) & (np.abs(x) < self.half) & (np.abs(y) < self.half)
-        at = (np.stack([x[inside], y[inside]]) / self.half + 1) * (CELLS / 2) - 0.5
-        at = np.clip(at, 0, CELLS - 1.001)
-        (i, j), (u, v) = at.astype(np.int64), (at % 1).astype(np.float32)
-        flat, row = self.shadow.reshape(-1), i * CELLS + j
-        near = flat[row] * (1 - v) + flat[row + 1] * v
-        far = flat[row + CELLS] * (1 - v) + flat[row + CELLS + 1] * v
-        out[inside] = near * (1 - u) + far * u
-        return out
-
     def put_under(self, image: Floats, camera: Camera) -> Floats:
         """Return an image composited over the shadow, (h, w, 4) float32. The shadow is black with an alpha.
 
+        A panorama, and the image of a camera below the ground, is returned unchanged.
+
         image : (h, w, 4) float32, premultiplied RGB and alpha; camera : the one that rendered it
         """
-        alpha = self.for_camera(camera)
-        if alpha is None:
+        record = camera.record()
+        axes = [record[k : k + 3] for k in (FORWARD, ACROSS, UPWARD)]
+        view = np.stack([record[EYE : EYE + 3] - self.middle, *axes]) @ self.axes.T
+        if record[PROJECTION] == PANORAMA or view[0, 2] <= 0.0:
             return image
-        out = image.copy()
-        out[..., 3] += (1 - out[..., 3]) * alpha
+        out = np.empty_like(image)
+        put_under(image, view, bool(record[PROJECTION] == ORTHOGRAPHIC), self.shadow, self.half, out)
         return out
 
 

@@ -56,6 +56,13 @@ def _to_8bit(work: Array, image: Array, backdrop: Array, gain: float, table: Arr
         block = next_tile(work)
 
 
+@cache
+def _inverse(curve: str) -> tuple[Floats, Floats]:
+    """Return samples of a tone curve for interpolating its inverse: its values, ascending, and their inputs."""
+    x = np.geomspace(DARKEST, BRIGHTEST, 4096, dtype=np.float32)
+    return tone(x, 0.0, curve), x
+
+
 def _before(curve: str, shown: Floats) -> Floats:
     """Return the linear values that a tone curve maps to `shown`, so that the curve leaves a backdrop unchanged.
 
@@ -66,8 +73,7 @@ def _before(curve: str, shown: Floats) -> Floats:
     """
     if curve == "srgb":
         return shown.copy()
-    x = np.geomspace(DARKEST, BRIGHTEST, 4096, dtype=np.float32)
-    return np.interp(np.minimum(shown, BRIGHT), tone(x, 0.0, curve), x).astype(np.float32)
+    return np.interp(np.minimum(shown, BRIGHT), *_inverse(curve)).astype(np.float32)
 
 
 def to_8bit(image: Floats, backdrop: ArrayLike = (0.0, 0.0, 0.0), exposure: float = 0.0, curve: str = "srgb") -> Rgb8:

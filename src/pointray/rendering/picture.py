@@ -206,8 +206,8 @@ class Picture:
         Keep the sums of samples, so that samples can be added in passes even if the settings have no limit.
     executor : Executor, optional
         Workers of the same scene that add the samples; None: this process.
-    in_part : bool
-        Only a piece will be rendered: memory is not checked, as untouched pages are not allocated.
+    checked : bool
+        Whether memory is checked first, which takes 1 ms. False for a piece: untouched pages are not allocated.
     fetch : Fetch, optional
         Opens models on disk in the background, while other levels are shown; None: they are opened at once.
 
@@ -225,7 +225,7 @@ class Picture:
         background: tuple[float, float, float, float] | None = None,
         in_passes: bool = False,
         executor: Executor | None = None,
-        in_part: bool = False,
+        checked: bool = True,
         fetch: Fetch | None = None,
     ) -> None:
         self._settings, self._camera = settings, camera.record()
@@ -240,7 +240,7 @@ class Picture:
         if background is not None:
             self._pass = self._pass._replace(background=background)
         catchers = self._world.catchers > 0
-        if not in_part:
+        if checked:
             check_picture(camera.size, picture_bytes(settings, catchers))
         sums = _sums(settings, catchers)
         self.image = np.empty((height, width, 4), np.float32)
@@ -345,7 +345,7 @@ def render_piece(
     pixels, (h, w, k).
     """
     settings, in_passes = replace(order.settings, threads=threads), order.returns or order.sums is not None
-    picture = Picture(scene, order.camera, settings, order.background, in_passes, in_part=True)
+    picture = Picture(scene, order.camera, settings, order.background, in_passes, checked=False)
     return picture.add_to(order, progress)
 
 

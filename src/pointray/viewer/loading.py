@@ -18,7 +18,7 @@ from ..cloud.normals.validation import check_normals_choice, refit_normals, vali
 from ..cloud.outliers import without_strays
 from ..cloud.points import Points, spread_rows
 from ..io.files import read
-from ..model.model import Model
+from ..model.model import SURFACE, Model
 from ..model.model_cache import Entry, built
 from ..model.model_file import SAVED
 from ..rendering.settings import Settings
@@ -90,8 +90,7 @@ class FileLoader:
         found = bool(self.entry) and isinstance(clouds[0], Model)
         samples = [self._sample(cloud, k) for k, cloud in enumerate(clouds)]
         self._prepare(clouds, samples, shared)
-        large = [_is_large(cloud) for cloud in clouds]
-        if any(large) and self.light is None:
+        if self.light is None and any(_is_large(cloud) for cloud in clouds):
             shared.report("building a coarse version", None)
             # Small scans are built here and not again below.
             clouds = [c if _is_large(c) else self._build_model(c, k, shared, notes) for k, c in enumerate(clouds)]
@@ -99,13 +98,7 @@ class FileLoader:
             coarse = [c if isinstance(c, Model) else self._coarse(sample, k) for k, (c, sample) in pairs]
             self._show(coarse, shared, coarse=True)
         models = [self._build_model(cloud, k, shared, notes) for k, cloud in enumerate(clouds)]
-        if found and self.leveled and not models[0].levels and len(models[0].points) > LARGE_FROM:
-            large[0], found = True, False  # stored by a command that needs no levels
-        without_levels = [
-            model
-            for model, is_large in zip(models, large, strict=True)
-            if is_large and self.leveled and not model.parts
-        ]
+        without_levels = [model for model in models if self.leveled and _lacks_levels(model)]
         if without_levels and self.light is None:
             self._show(models, shared)
         for model in without_levels:
@@ -113,7 +106,7 @@ class FileLoader:
                 LEVELS, partial(model.make_levels, lambda stage, share: shared.report(f"building: {stage}", share))
             )
         self._show(models, shared)  # again: the range of an attribute's colours includes the levels
-        if self.entry is not None and not found:
+        if self.entry is not None and (not found or models[0] in without_levels):
             run_niced(LEVELS, partial(self.entry.store, models[0], notes))
 
     def _show(self, models: Sequence[Model], shared: SharedScene, coarse: bool = False) -> None:
@@ -221,6 +214,11 @@ def _points(cloud: Points | Model) -> Points:
 
 def _is_large(cloud: Points | Model) -> bool:
     return isinstance(cloud, Points) and len(cloud) > LARGE_FROM
+
+
+def _lacks_levels(model: Model) -> bool:
+    """Return whether a model should get levels of detail: if it is large and its surface is the default one."""
+    return not (model.parts or model.levels) and model.surface == SURFACE and len(model.points) > LARGE_FROM
 
 
 @contextmanager

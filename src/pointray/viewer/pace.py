@@ -2,12 +2,12 @@
 
 | stage   | when                            | pixels                                     | samples      | JPEG |
 |---------|---------------------------------|--------------------------------------------|--------------|------|
-| moving  | less than 0.12 s after a change | all, if that allows 30 frames a second     | 1            | 80   |
-|         |                                 | half the width and height, if that allows  |              |      |
-|         |                                 | 18; otherwise fewer, see SCALES            |              |      |
-| still   | 0.12 s after the last change    | all                                        | 1            | 90   |
+| moving  | less than 0.05 s after a change | all, if that allows 42 images a second;    | 1            | 80   |
+|         |                                 | otherwise fewer, see SCALES                |              | (90) |
+| still   | 0.05 s after the last change    | all                                        | 1            | 90   |
 | refined | immediately after it            | all                                        | 2, 4, 8, ... | 94   |
 
+Small moving images, of less than 500 rows, are compressed like still ones: the page magnifies them.
 A moving image of all pixels also counts as the still one. A change of the camera or of view settings starts a moving
 image and cancels the other stages between two tiles. A message with an unchanged camera has no effect.
 """
@@ -16,11 +16,22 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-REST = 0.12  # seconds without a change before the still image
+REST = 0.05  # seconds without a change before the still image
 PASS = 0.4  # longest pass of refinement in seconds, hence the longest interval between refined images
-# Scale of moving images (width and height) -> its time limit in seconds. Below half resolution,
-# a lower frame rate looks better than fewer pixels.
-SCALES = {1.0: 1 / 30, 0.75: 1 / 28, 0.625: 1 / 25, 0.5: 1 / 18, 0.375: 1 / 13, 0.25: 1 / 10, 0.1875: 1 / 8, 0.125: 1.0}
+# Scale of moving images (width and height) -> its time limit in seconds. Below 0.3 a lower frame rate looks better than
+# fewer pixels.
+SCALES = {
+    1.0: 1 / 42,
+    0.75: 1 / 42,
+    0.625: 1 / 42,
+    0.5: 1 / 42,
+    0.4375: 1 / 40,
+    0.375: 1 / 36,
+    0.3125: 1 / 32,
+    0.25: 1 / 24,
+    0.1875: 1 / 12,
+    0.125: 1.0,
+}
 HEADROOM = 0.8  # a finer scale must fit into this fraction of its limit, so that the scale does not oscillate
 ADAPT = 0.3  # weight of the newest measurement
 START = 0.5  # scale of the first frame

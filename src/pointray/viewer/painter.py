@@ -40,6 +40,7 @@ EXPOSURE_TOLERANCE = 0.4  # stops: smaller changes of the automatic exposure are
 IN_FLIGHT = 2  # images sent but not yet drawn by the page: it draws one while the next is traced
 SAMPLES_WHILE_BAKING = 4  # samples of a refined image until finer light is baked, which restarts it
 MAX_JPEG_BYTES = 6 << 20  # IN_FLIGHT such images fit into `connection.MAX_WAITING`
+MAGNIFIED = 500  # pixels: height below which moving images are not compressed more than still ones
 COARSER = ((90, 2), (75, 2), (50, 2), (25, 2))  # (quality, subsampling) tried in turn for larger images
 
 
@@ -132,6 +133,7 @@ class Painter:
         self._redrawn: FrameRequest | None = None  # a request drawn again at full resolution, with new light or parts
         self._changed = threading.Condition()
         self._request: FrameRequest | None = None
+        self._asked = 0.0  # when it came
         self._open, self._cancel = True, Cancel()
         self._drawn, self._seen = 0, 0
         self._pace = Pace()
@@ -149,7 +151,7 @@ class Painter:
         with self._changed:
             if not self._open or request.same_picture(self._request):
                 return
-            self._request = request
+            self._request, self._asked = request, time.perf_counter()
             self._cancel()
             self._changed.notify_all()
 
@@ -244,7 +246,7 @@ class Painter:
         self._show(request, scene, _scaled(request.camera, scale), MOVING if scale < 1 else STILL, None)
         self._pace.record(time.perf_counter() - begun, scale)
         self._times.append(time.perf_counter())
-        if self._is_old(request, REST):
+        if self._is_old(request, self._asked + REST - time.perf_counter()):
             return
         if scale < 1:
             self._show(request, scene, request.camera, STILL, self._cancel)
@@ -261,7 +263,7 @@ class Painter:
         settings = self._light(request, scene, request.view.settings(1))
         if stage is MOVING:  # contact shadows of one sample are mostly noise
             settings = replace(settings, sky_rays=0)
-        picture = Picture(scene.snapshot(), camera, settings, fetch=self._fetcher)
+        picture = Picture(scene.snapshot(), camera, settings, fetch=self._fetcher, checked=stage is not MOVING)
         picture.add(0, 1, cancel=cancel)
         if cancel is None or not cancel.wanted:
             self._send(request, picture.image, stage, (1, 1), time.perf_counter() - begun)
@@ -376,8 +378,10 @@ class Painter:
 def encode(pixels: NDArray[np.uint8], stage: Stage) -> bytes:
     """Encode pixels, (h, w, 3) uint8, as JPEG at their stage's quality.
 
-    The quality is reduced if the result would exceed MAX_JPEG_BYTES (6 MiB), as noise at 4K does.
+    The quality is reduced if the result would exceed MAX_JPEG_BYTES (6 MiB), as noise at 4K does. Small moving images,
+    which the page magnifies, get the quality of still ones: subsampled chroma would show coloured fringes.
     """
+    stage = STILL if stage is MOVING and len(pixels) < MAGNIFIED else stage
     for quality, subsampling in ((stage.quality, stage.subsampling), *COARSER):
         stream = io.BytesIO()
         Image.fromarray(pixels).save(stream, "JPEG", quality=quality, subsampling=subsampling)
