@@ -1,5 +1,6 @@
 """Access control of the viewer, and limits on what a page or client may use."""
 
+import io
 import json
 import re
 import socket
@@ -12,6 +13,7 @@ from urllib.parse import urljoin
 
 import numpy as np
 import pytest
+from PIL import Image
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
@@ -22,7 +24,7 @@ from pointray.viewer import outbox, painter, queries as lookups, session
 from pointray.viewer.connection import MAX_WAITING, is_loopback
 from pointray.viewer.light_control import MAX_LIGHTS
 from pointray.viewer.messages import pack
-from pointray.viewer.pace import REFINED
+from pointray.viewer.pace import MOVING, REFINED, STILL
 from pointray.viewer.page_limits import CREDIT, SHARE, TRANSPORT, CpuBudget, RateLimiter
 from pointray.viewer.painter import IN_FLIGHT, MAX_JPEG_BYTES, encode
 from pointray.viewer.server import FILES, Server
@@ -356,6 +358,16 @@ def test_pictures_in_flight_fit_into_what_may_wait(side, rng, monkeypatch):
     assert len(encode(noise, REFINED)) <= most and IN_FLIGHT * MAX_JPEG_BYTES < MAX_WAITING - (2 << 20)
     calm = np.zeros((480, 640, 3), np.uint8)
     assert encode(calm, REFINED) != encode(calm, REFINED._replace(quality=75))
+
+
+def test_small_moving_pictures_keep_their_colours(rng):
+    """A red and blue checkerboard of single pixels, which the page magnifies: subsampled chroma would be purple."""
+    board = np.indices((120, 160)).sum(axis=0)[..., None] % 2
+    small = np.where(board, [200, 20, 20], [20, 20, 200]).astype(np.uint8)
+    shown = np.asarray(Image.open(io.BytesIO(encode(small, MOVING)))).astype(int)
+    assert np.abs(shown - small).mean() < 8
+    large = np.tile(small, (5, 5, 1))
+    assert encode(large, MOVING) != encode(large, STILL)
 
 
 class Deaf:
