@@ -67,6 +67,7 @@ class ContactShadow(NamedTuple):
         view = np.stack([record[EYE : EYE + 3] - self.middle, *axes]) @ self.axes.T
         if record[PROJECTION] == PANORAMA or view[0, 2] <= 0.0:
             return image
+        image = np.require(image, np.float32, ("C", "W"))  # kernels take no read-only arrays, as those from workers are
         out = np.empty_like(image)
         put_under(image, view, bool(record[PROJECTION] == ORTHOGRAPHIC), self.shadow, self.half, out)
         return out

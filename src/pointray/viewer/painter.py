@@ -133,7 +133,7 @@ class Painter:
         self._redrawn: FrameRequest | None = None  # a request drawn again at full resolution, with new light or parts
         self._changed = threading.Condition()
         self._request: FrameRequest | None = None
-        self._asked = 0.0  # when it came
+        self._asked = 0.0  # when `want` received it, by `time.perf_counter`
         self._open, self._cancel = True, Cancel()
         self._drawn, self._seen = 0, 0
         self._pace = Pace()

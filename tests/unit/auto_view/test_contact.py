@@ -108,6 +108,8 @@ def test_it_lies_under_the_picture(shadow, rng):
     np.testing.assert_array_equal(image, before)
     np.testing.assert_array_equal(out[..., :3], image[..., :3])
     np.testing.assert_array_equal(out[:8], image[:8])
+    image.flags.writeable = False  # as arrays from workers are
+    np.testing.assert_array_equal(shadow[0].put_under(image, camera), out)
     share = 1 - (1 - image[..., 3]) * (1 - shadow[0].put_under(np.zeros_like(image), camera)[..., 3])
     np.testing.assert_allclose(out[..., 3], share, atol=1e-6)
 

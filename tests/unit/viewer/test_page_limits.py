@@ -360,7 +360,7 @@ def test_pictures_in_flight_fit_into_what_may_wait(side, rng, monkeypatch):
     assert encode(calm, REFINED) != encode(calm, REFINED._replace(quality=75))
 
 
-def test_small_moving_pictures_keep_their_colours(rng):
+def test_small_moving_pictures_keep_their_colours():
     """A red and blue checkerboard of single pixels, which the page magnifies: subsampled chroma would be purple."""
     board = np.indices((120, 160)).sum(axis=0)[..., None] % 2
     small = np.where(board, [200, 20, 20], [20, 20, 200]).astype(np.uint8)
