@@ -15,6 +15,7 @@ from typing import Any
 import lazy_loader
 
 from .base.deprecation import warn_renamed
+from .base.exchange import register_exchange
 from .base.executor import register_backend
 
 # `__init__.pyi` lists the public names, which are imported on first use: `import pointray` is fast.
@@ -22,8 +23,10 @@ _load, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 _RENAMED = {"Survey": "Georeference"}  # deprecated aliases
 
-# The only dependency on a higher layer: rendering and baking get Dask executors from here when a client is given.
+# The only dependencies on higher layers: rendering and baking get Dask executors from here when a client is given, and
+# `cloud/` the conversions of objects of other libraries.
 register_backend(lambda: importlib.import_module(".cluster.backend", __name__))
+register_exchange(lambda: importlib.import_module(".io.exchange.convert", __name__))
 
 
 def __getattr__(name: str) -> Any:

@@ -6,6 +6,7 @@ from .baking.baked import Baked as Baked, StaleLightWarning as StaleLightWarning
 from .baking.settings import BakeSettings as BakeSettings
 from .base.version import __version__ as __version__
 from .cloud.cleaning import Flaws as Flaws, clean as clean, find_flaws as find_flaws
+from .cloud.conversion import as_points as as_points
 from .cloud.denoising.smooth import smooth as smooth
 from .cloud.georeference import Georeference as Georeference
 from .cloud.normals.comparison import NormalsCheck as NormalsCheck, check_normals as check_normals

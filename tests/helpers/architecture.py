@@ -20,7 +20,18 @@ TOWER = [
 FLOORS = {
     "engine": ["jit", "simd", "kernels"],
     "cloud": [
-        *("georeference", "points", "geographic", "statistics", "sampled_statistics", "neighbors", "kd_ordering"),
+        *(
+            "georeference",
+            "shifting",
+            "convertible",
+            "points",
+            "conversion",
+            "geographic",
+            "statistics",
+            "sampled_statistics",
+            "neighbors",
+            "kd_ordering",
+        ),
         *("rounding", "normals", "outliers", "denoising", "cleaning", "preparation"),
     ],
     "io": [
@@ -32,6 +43,7 @@ FLOORS = {
         "gather",
         "spooling",
         "files",
+        "exchange",
         "trajectory",
     ],
     "surface": ["tree", "splats", "intersect", "trace"],

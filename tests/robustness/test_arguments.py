@@ -80,6 +80,7 @@ SENSE: dict[str, set[str]] = {
     "Callable": {"lambda"},
     "StageProgress": {"lambda"},
     "os.PathLike": TEXTS,
+    "PointsLike": set(),  # a path that does not exist, or wrong arrays
     **dict.fromkeys(
         ("Attribute", "BakeSettings", "BakedLight", "Camera", "EnvironmentLight", "Light", "Material", "Model"), set()
     ),
@@ -87,7 +88,16 @@ SENSE: dict[str, set[str]] = {
     **dict.fromkeys(("Backdrop", "Plane", "Points", "Scene", "Settings", "Georeference", "Trajectory", "slice"), set()),
 }
 ARRAY_KINDS = {"ArrayLike", "Doubles", "NDArray", "Any", "Color", "Vector"}  # wrong dtypes are ValueErrors
-PATHS = {"path", "paths", "out", "image", "host", "trajectory"}  # parameters whose wrong values may raise an OSError
+PATHS = {
+    "path",
+    "paths",
+    "out",
+    "image",
+    "host",
+    "trajectory",
+    "points",
+    "x",
+}  # parameters whose wrong values may raise an OSError
 
 
 class Things:
@@ -180,6 +190,7 @@ def valid_calls(t: Things) -> dict[str, Call]:
         "animate": (lambda **given: list(pr.animate(**given)), {"scene": t.scene, "cameras": [t.camera]}),
         "BakeSettings": (pr.BakeSettings, {}),
         "bake": (pr.bake, {"scene": t.lit, "settings": pr.BakeSettings(links=1, patches=64)}),
+        "as_points": (pr.as_points, {"x": t.rows}),
         "clean": (pr.clean, {"points": t.points}),
         "draw_legend": (
             pr.draw_legend,

@@ -1,6 +1,8 @@
 """Point clouds in memory: `Points`, their neighbours, normals, noise and outliers.
 
 points, georeference : arrays of a cloud; coordinate system and scanner positions of its file
+conversion, convertible : objects of other libraries as points, and points as such objects
+shifting : addition of an offset to all positions
 geographic : longitude and latitude in degrees to metres
 neighbors : exact nearest neighbours; kd_ordering : the kd order of a cloud, computed once and shared
 statistics, sampled_statistics : statistics of a whole cloud, shared by its parts

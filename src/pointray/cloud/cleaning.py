@@ -12,8 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.arguments import check_callback, check_flag, check_kind
+from ..base.arguments import check_callback, check_flag
 from ..base.progress import Progress, StageProgress, in_stage, part_of
+from .conversion import PointsLike, check_points
 from .neighbors import distinct, neighbors
 from .neighbors.components import connected_components
 from .points import Points
@@ -47,14 +48,14 @@ class Flaws(NamedTuple):
     outliers: NDArray[np.bool_]
 
 
-def find_flaws(points: Points, progress: StageProgress | None = None) -> Flaws:
+def find_flaws(points: PointsLike, progress: StageProgress | None = None) -> Flaws:
     """Find exact duplicates, and distant outliers: points far from everything else, alone or in a small group.
 
     Rows that are not finite are neither.
 
     Parameters
     ----------
-    points : Points
+    points : Points, or what `as_points` accepts
     progress : callable, optional
         Called as `progress(stage, share)` with the name of the stage and its completed share, 0 to 1.
 
@@ -74,7 +75,7 @@ def find_flaws(points: Points, progress: StageProgress | None = None) -> Flaws:
     >>> pr.find_flaws(points).duplicates.tolist()
     [False, False, True]
     """
-    check_kind(points, "points", Points, "Points")
+    points = check_points(points)
     check_callback(progress)
     finite = np.flatnonzero(points.finite)
     rows, ids = distinct(points.positions[finite])
@@ -87,14 +88,14 @@ def find_flaws(points: Points, progress: StageProgress | None = None) -> Flaws:
     return Flaws(duplicates, outliers)
 
 
-def clean(points: Points, duplicates: bool = True, outliers: bool = True) -> Points:
+def clean(points: PointsLike, duplicates: bool = True, outliers: bool = True) -> Points:
     """Remove exact duplicates, and distant outliers: points far from everything else, alone or in a small group.
 
     The first of several equal positions is kept, and so are rows that are not finite.
 
     Parameters
     ----------
-    points : Points
+    points : Points, or what `as_points` accepts
     duplicates, outliers : bool
         What to remove; `find_flaws` returns these rows.
 
@@ -115,6 +116,7 @@ def clean(points: Points, duplicates: bool = True, outliers: bool = True) -> Poi
     2
     """
     duplicates, outliers = check_flag(duplicates, "duplicates"), check_flag(outliers, "outliers")
+    points = check_points(points)
     flaws = find_flaws(points)
     drop = (flaws.duplicates & duplicates) | (flaws.outliers & outliers)
     return points.select(~drop) if drop.any() else points

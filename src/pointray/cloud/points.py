@@ -12,7 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..base.arguments import check_kind, check_mapping, vector
 from ..base.deprecation import accept_renamed, warn_renamed
+from .convertible import Convertible
 from .georeference import SCAN, Georeference
+from .shifting import shift_rows
 
 FARTHEST = 1e12  # a coordinate beyond this is a scanner's 'no return' marker: its square is useless in float32
 MOST = 2**31 - 1  # greatest number of rows: trees index them by int32
@@ -29,7 +31,7 @@ SPREAD, RANGES = 1 << 18, 256  # sampled rows of a mapped file, and the number o
 
 
 @dataclass(frozen=True, slots=True, init=False, repr=False, eq=False)
-class Points:
+class Points(Convertible):
     """A point cloud, one row per point.
 
     Rows with a NaN or infinite position are kept, so that row numbers do not change; see `finite`.
@@ -191,7 +193,9 @@ class Points:
     @property
     def world(self) -> NDArray[np.float64]:
         """World coordinates, (n, 3) float64. A new array."""
-        return self.positions + self.origin
+        world = np.empty(self.positions.shape)
+        shift_rows(self.positions, self.origin, world)
+        return world
 
     @property
     def finite(self) -> NDArray[np.bool_]:
@@ -359,7 +363,11 @@ def _float32(array: NDArray[Any]) -> NDArray[np.float32]:
 
 
 def _localise(world: NDArray[Any], origin: NDArray[np.float64]) -> NDArray[np.float32]:
-    return _float32(np.subtract(world, origin, dtype=np.float64) if origin.any() else world)
+    if not origin.any():
+        return _float32(world)
+    local = np.empty(world.shape, np.float32)
+    shift_rows(world, -origin, local)
+    return local
 
 
 def check_any_finite(finite: int, n: int) -> None:

@@ -8,6 +8,7 @@ gather, filling : assembly of the rows of several files into one cloud in memory
 joining, locating, colors, missing_columns : common types and coordinates of several files, positions relative to an
 origin, 8-bit colours, columns that only some files have
 spooling : columns on disk for files larger than memory
+exchange : objects of other libraries as points, and points as such objects
 trajectory : the path of a moving scanner
 
 Begin with files, then formats/_source.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 GREY = 128  # sRGB of points without a colour in a cloud with colours
 SHADES = 257  # 16-bit value per step of an 8-bit value
-BLOCK = 1 << 15  # rows per block of the scan for low bits
+BLOCK = 1 << 14  # rows per block: they stay in the processor's cache
 STRAY = 1e-3  # fraction of the nonzero values that may be out of range; these are clipped
 # White, and the largest and the smallest value accepted in this range. float32 limits promote float16 in comparisons.
 RANGES = tuple(
@@ -62,11 +62,12 @@ class ColorRange:
             return
         if column.dtype.kind == "f":
             self.missing += int(np.isnan(column).any(axis=1).sum())
-        self.low = min(self.low, float(np.fmin.reduce(column, axis=None)))
-        self.high = max(self.high, float(np.fmax.reduce(column, axis=None)))
-        for k, (_, most, least) in enumerate(RANGES):
-            self._above[k] += int(np.count_nonzero(column > most))
-            self._below[k] += int(np.count_nonzero(column < least))
+        for block in _blocks(column):
+            self.low = min(self.low, float(np.fmin.reduce(block, axis=None)))
+            self.high = max(self.high, float(np.fmax.reduce(block, axis=None)))
+            for k, (_, most, least) in enumerate(RANGES):
+                self._above[k] += int(np.count_nonzero(block > most))
+                self._below[k] += int(np.count_nonzero(block < least))
         if not self._uses_last_bits:
             self._uses_last_bits = _uses_last_bits(column)
 
@@ -122,10 +123,15 @@ def _uses_last_bits(column: NDArray[Any]) -> bool:
 
     Rows are examined in blocks up to the first such value, which is mostly among the first rows.
     """
-    blocks = (column[start : start + BLOCK] for start in range(0, len(column), BLOCK))
     return column.dtype.itemsize > 1 and any(
-        (block[(block > 0) & (block <= RANGES[-1][1])] % 256).any() for block in blocks
+        (block[(block > 0) & (block <= RANGES[-1][1])] % 256).any() for block in _blocks(column)
     )
+
+
+def _blocks(column: NDArray[Any]) -> Iterator[NDArray[Any]]:
+    """Yield the rows of an array in blocks that stay in the processor's cache."""
+    for start in range(0, len(column), BLOCK):
+        yield column[start : start + BLOCK]
 
 
 def to_shades(column: NDArray[Any], scale: float) -> NDArray[np.uint8]:
@@ -135,7 +141,10 @@ def to_shades(column: NDArray[Any], scale: float) -> NDArray[np.uint8]:
     """
     if column.dtype.itemsize == 1:
         return column.view(np.uint8)
-    values = column * np.float32(scale)
-    if column.dtype.kind == "f":
-        values[np.isnan(values).any(axis=1)] = GREY
-    return np.clip(np.rint(values), 0, 255).astype(np.uint8)
+    shades = np.empty(column.shape, np.uint8)
+    for block, out in zip(_blocks(column), _blocks(shades), strict=True):
+        values = block * np.float32(scale)
+        if column.dtype.kind == "f":
+            values[np.isnan(values).any(axis=1)] = GREY
+        out[:] = np.clip(np.rint(values), 0, 255)
+    return shades

@@ -16,6 +16,7 @@ from ..base import arguments
 from ..base.atomic_write import check_regular, replacing
 from ..base.progress import Progress, StageProgress, in_stage
 from ..base.warning_log import warn
+from ..cloud.conversion import PointsLike, check_points
 from ..cloud.points import MOST, Points
 from .formats._source import Format, Request
 from .gather import gather
@@ -230,14 +231,14 @@ def check_readable(path: str | os.PathLike[str], request: Request | None = None)
         pass
 
 
-def write(path: str | os.PathLike[str], points: Points, progress: StageProgress | None = None) -> None:
+def write(path: str | os.PathLike[str], points: PointsLike, progress: StageProgress | None = None) -> None:
     """Write a point cloud with all its arrays. The extension of the file selects the format; `formats` lists them all.
 
     Parameters
     ----------
     path : str or path
         An existing file is replaced once the new one is complete.
-    points : Points
+    points : Points, or what `as_points` accepts
         Written in world coordinates. A warning names what the format cannot store.
     progress : callable, optional
         Called as `progress(stage, share)` with the name of the stage and its completed share, 0 to 1.
@@ -264,12 +265,12 @@ def write(path: str | os.PathLike[str], points: Points, progress: StageProgress 
         warn(f"{path}: {lost}", stacklevel=2)
 
 
-def write_points(path: str | os.PathLike[str], points: Points, progress: Progress | None = None) -> list[str]:
+def write_points(path: str | os.PathLike[str], points: PointsLike, progress: Progress | None = None) -> list[str]:
     """Write a point cloud in the format that the extension of the file selects; return what the format cannot store.
 
     Each item of the list is a text for the user, such as "cannot store the scanner positions".
     """
-    arguments.check_kind(points, "points", Points, "Points")
+    points = check_points(points)
     writer = writer_of(path)
     with replacing(path) as beside:
         return writer(beside, points, progress)

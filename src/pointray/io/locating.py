@@ -12,6 +12,7 @@ from ..base.arrays import Doubles, Floats
 from ..cloud.geographic import LocalFrame, in_file, projected
 from ..cloud.georeference import Georeference, numbers_of
 from ..cloud.points import SAMPLE, choose_origin
+from ..cloud.shifting import shift_rows
 
 BLOCK = 1 << 15  # rows converted at a time: they stay in the processor's cache
 SAFE = 2**22  # grid steps up to this number are exact in float32
@@ -57,12 +58,15 @@ def locate(
     world : (n, 3), the file's coordinates, projected here if the georeference has a projection
     """
     frame = LocalFrame.of(georeference)
-    origins = np.tile(origin, (min(BLOCK, len(world)), 1))  # broadcasting over rows of three takes three times as long
+    if frame is None:
+        shift_rows(world, -origin, local)
+    if frame is None and georeference.scale is None:
+        return
     for start in range(0, len(world), BLOCK):
         part, rows = world[start : start + BLOCK], slice(start, min(start + BLOCK, len(world)))
-        with np.errstate(over="ignore", invalid="ignore"):  # signalling NaNs; overflow to infinity
-            moved = part if frame is None else frame.to_local(part)
-            local[rows].reshape(-1)[:] = moved.reshape(-1) - origins[: len(part)].reshape(-1)
+        if frame is not None:
+            with np.errstate(over="ignore", invalid="ignore"):  # signalling NaNs; overflow to infinity
+                shift_rows(frame.to_local(part), -origin, local[rows])
         lost = _lost(part, local[rows], origin, georeference)
         if lost is not None:
             yield rows, lost

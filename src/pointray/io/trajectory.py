@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.arguments import check_kind, check_path, real_numbers
+from ..base.arguments import check_path, real_numbers
+from ..cloud.conversion import PointsLike, check_points
 from ..cloud.geographic import LocalFrame, in_file
-from ..cloud.points import Points
 from .files import headers, read
 from .unpacking import packing_of, unpacked
 
@@ -103,12 +103,12 @@ def _columns(path: str | os.PathLike[str]) -> str | None:
     return ",".join(["gps_time", "x", "y", "z", *"-" * (len(names) - 4)])
 
 
-def eyes_along(points: Points, trajectory: str | os.PathLike[str] | Trajectory) -> NDArray[np.float64]:
+def eyes_along(points: PointsLike, trajectory: str | os.PathLike[str] | Trajectory) -> NDArray[np.float64]:
     """Return the scanner position at the time of each point, for `estimate_normals(points, viewpoint=...)`.
 
     Parameters
     ----------
-    points : Points
+    points : Points, or what `as_points` accepts
         With the attribute gps_time.
     trajectory : path or Trajectory
         A text file with the columns time, x, y, z, in this order or named in its first line, or a cloud with gps_time;
@@ -136,7 +136,7 @@ def eyes_along(points: Points, trajectory: str | os.PathLike[str] | Trajectory) 
     >>> pr.eyes_along(points, "path.txt").tolist()
     [[0.0, 0.0, 2.0], [2.0, 0.0, 2.0]]
     """
-    check_kind(points, "points", Points, "Points")
+    points = check_points(points)
     times = points.attributes.get("gps_time")
     if times is None or times.ndim != 1:
         raise ValueError("a trajectory needs the attribute gps_time of the points, which is missing: pass a viewpoint")

@@ -20,8 +20,9 @@ from ..base.arguments import check_callback, check_choice, check_path, check_pos
 from ..base.choices import AUTO, SURFACES
 from ..base.deprecation import warn_renamed
 from ..base.progress import StageProgress, in_stage
+from ..cloud.conversion import PointsLike, check_points
 from ..cloud.denoising.smooth import check_sigma
-from ..cloud.points import Points, spread_rows
+from ..cloud.points import spread_rows
 from ..cloud.preparation import check_model_memory, finite_rows
 from ..engine.kernels.tree import SCATTER, Tree
 from ..surface.splats.radii import check_radii
@@ -45,7 +46,7 @@ class Model(TraceableModel):
 
     Parameters
     ----------
-    points : Points or (n, 3) array_like
+    points : Points, or what `as_points` accepts
         Rows without a finite position are left out, with a warning. Missing normals are estimated; existing ones are
         used as they are, even if they deviate from the surface (`check_normals`).
     radii : (n,) array_like, optional
@@ -112,7 +113,7 @@ class Model(TraceableModel):
 
     def __init__(
         self,
-        points: Points | ArrayLike,
+        points: PointsLike,
         radii: ArrayLike | None = None,
         *,
         surface: str | None = None,
@@ -127,7 +128,7 @@ class Model(TraceableModel):
         _scattered: ArrayLike | None = None,
     ) -> None:
         check_callback(progress)
-        cloud = points if isinstance(points, Points) else _points_of(points)
+        cloud = check_points(points)
         settings = check_settings(SURFACE if surface is None else surface, samples, refine, trim)
         scale = check_positive(radius_scale, "radius_scale")
         given = None if radii is None else check_radii(radii, len(cloud))
@@ -527,10 +528,3 @@ class ModelInParts(Model):
         Of a copy of the model, which has no files, it is the size of all arrays.
         """
         return self.nbytes if self._cache is None else self._cache.nbytes
-
-
-def _points_of(positions: ArrayLike) -> Points:
-    try:
-        return Points(positions)
-    except ValueError as error:
-        raise ValueError(f"points: {error}") from None

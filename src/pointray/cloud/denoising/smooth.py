@@ -8,9 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.arguments import check_callback, check_kind, check_number
+from ...base.arguments import check_callback, check_number
 from ...base.arrays import Flags, Floats, Rows
 from ...base.progress import Progress, StageProgress, in_stage, part_of, report_progress
+from ..conversion import PointsLike, check_points
 from ..kd_ordering import KdOrdering, compute_kd_ordering
 from ..neighbors import neighbor_chunks, take
 from ..normals.estimate import repair_normals, with_fits
@@ -29,7 +30,7 @@ FAR = 5.0  # greatest move of a point to an edge, in standard deviations
 SURVEYED = 0.1  # progress after the noise is measured
 
 
-def smooth(points: Points, sigma: str | float = "auto", progress: StageProgress | None = None) -> Points:
+def smooth(points: PointsLike, sigma: str | float = "auto", progress: StageProgress | None = None) -> Points:
     """Smooth noisy points: move them onto the surface fitted to their neighbours, and replace their normals.
 
     A quadric is fitted to the 16 to 128 nearest neighbours of each noisy point, depending on local noise and detail,
@@ -38,7 +39,7 @@ def smooth(points: Points, sigma: str | float = "auto", progress: StageProgress 
 
     Parameters
     ----------
-    points : Points
+    points : Points, or what `as_points` accepts
         If they have normals, neighbours that face the opposite side are not used.
     sigma : "auto" or float
         Standard deviation of the noise, in the points' unit. "auto": measured locally; points stay where it is below
@@ -73,7 +74,7 @@ def smooth(points: Points, sigma: str | float = "auto", progress: StageProgress 
     >>> pr.smooth(noisy) is noisy
     False
     """
-    check_kind(points, "points", Points, "Points")
+    points = check_points(points)
     check_callback(progress)
     sigma = check_sigma(sigma, "sigma")
     if sigma == 0.0:

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...base.arguments import check_kind
 from ...base.arrays import Doubles, Floats
+from ..conversion import PointsLike, check_points
 from ..neighbors.few_queries import Neighborhoods, find_neighborhoods
 from ..points import Points
 from ..rounding import find_rounding
@@ -48,7 +48,7 @@ class NormalsCheck(NamedTuple):
     wrong: bool
 
 
-def check_normals(points: Points) -> NormalsCheck:
+def check_normals(points: PointsLike) -> NormalsCheck:
     """Compare the normals of points with planes fitted to their neighbours.
 
     Neighbourhoods of 12 to 64 points around a sample of 2,000 points are examined, which takes a fraction of a second
@@ -58,7 +58,7 @@ def check_normals(points: Points) -> NormalsCheck:
 
     Parameters
     ----------
-    points : Points
+    points : Points, or what `as_points` accepts
 
     Returns
     -------
@@ -77,7 +77,7 @@ def check_normals(points: Points) -> NormalsCheck:
     >>> check.wrong, check.angle < 5
     (False, True)
     """
-    check_kind(points, "points", Points, "Points")
+    points = check_points(points)
     return compare_normals(points, 0.0 if points.normals is None else max(find_rounding(points)[0]))
 
 

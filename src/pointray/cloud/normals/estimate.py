@@ -9,9 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...base.arguments import check_callback, check_kind, check_whole
+from ...base.arguments import check_callback, check_whole
 from ...base.arrays import Doubles, Flags, Floats, Rows
 from ...base.progress import Progress, StageProgress, in_stage, part_of, report_progress
+from ..conversion import PointsLike, check_points
 from ..kd_ordering import KdOrdering, compute_kd_ordering
 from ..neighbors import distinct, neighbor_chunks, neighbors
 from ..points import Points
@@ -35,7 +36,7 @@ Fitting = Callable[[Floats, int, Floats | None, Progress | None, Planes | None],
 
 
 def estimate_normals(
-    points: Points,
+    points: PointsLike,
     neighbors: int | None = None,
     viewpoint: ArrayLike | None = None,
     progress: StageProgress | None = None,
@@ -44,7 +45,7 @@ def estimate_normals(
 
     Parameters
     ----------
-    points : Points
+    points : Points, or what `as_points` accepts
     neighbors : int, optional
         Number of points that a quadric is fitted to, including the point itself (below 8: a plane). None: 10 to 64,
         chosen for each point by noise, detail and the distance of scan lines.
@@ -86,7 +87,7 @@ def estimate_normals(
     >>> bool((np.einsum("ij,ij->i", estimated.normals, points.normals) > 0.9).all())
     True
     """
-    check_kind(points, "points", Points, "Points")
+    points = check_points(points)
     check_callback(progress)
     if neighbors is not None:
         neighbors = min(check_whole(neighbors, "neighbors", 3, or_none=True), max(len(points), 3))

@@ -7,10 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...base.arguments import check_callback, check_kind
+from ...base.arguments import check_callback
 from ...base.arrays import Doubles, Flags, Floats, Rows
 from ...base.progress import Progress, StageProgress, in_stage, part_of, report_progress
 from ...base.warning_log import warn
+from ..conversion import PointsLike, check_points
 from ..neighbors import distinct, kd_order
 from ..normals.stations import check_eyes, eyes_of
 from ..points import Points
@@ -62,7 +63,9 @@ class Strays(NamedTuple):
         return f"{int(self.any.sum()):,} strays" + (f" ({', '.join(parts)})" if parts else "")
 
 
-def find_strays(points: Points, viewpoint: ArrayLike | None = None, progress: StageProgress | None = None) -> Strays:
+def find_strays(
+    points: PointsLike, viewpoint: ArrayLike | None = None, progress: StageProgress | None = None
+) -> Strays:
     """Find points that belong to no surface: second layers, veils, floating groups and isolated points.
 
     A second layer consists of sparse points in front of a surface or behind it, as of a scan that does not fit. A veil
@@ -70,7 +73,7 @@ def find_strays(points: Points, viewpoint: ArrayLike | None = None, progress: St
 
     Parameters
     ----------
-    points : Points
+    points : Points, or what `as_points` accepts
     viewpoint : (3,) or (n, 3) array_like, optional
         World position of the scanner, or of the scanner that saw each point, NaN where unknown. None: the stations of
         `points.georeference`; the attribute "scan" holds each point's station. Veils are found only where it is known.
@@ -98,10 +101,12 @@ def find_strays(points: Points, viewpoint: ArrayLike | None = None, progress: St
     [1000]
     """
     check_callback(progress)
-    return _classify(points, viewpoint, in_stage(progress, "finding strays"))[0]
+    return _classify(check_points(points), viewpoint, in_stage(progress, "finding strays"))[0]
 
 
-def merge_layers(points: Points, viewpoint: ArrayLike | None = None, progress: StageProgress | None = None) -> Points:
+def merge_layers(
+    points: PointsLike, viewpoint: ArrayLike | None = None, progress: StageProgress | None = None
+) -> Points:
     """Move the points of sparse second layers onto the surface next to them; other points are unchanged.
 
     A second layer is a duplicate of a surface in front of it or behind it, such as from a misaligned scan.
@@ -110,7 +115,7 @@ def merge_layers(points: Points, viewpoint: ArrayLike | None = None, progress: S
 
     Parameters
     ----------
-    points : Points
+    points : Points, or what `as_points` accepts
         The attribute "scan" or "point_source_id" holds the scan of each point.
     viewpoint : (3,) or (n, 3) array_like, optional
         World position of the scanner, or of the scanner that saw each point, NaN where unknown. None: the stations of
@@ -136,6 +141,7 @@ def merge_layers(points: Points, viewpoint: ArrayLike | None = None, progress: S
     >>> pr.merge_layers(points) is points
     True
     """
+    points = check_points(points)
     check_callback(progress)
     report = in_stage(progress, "merging layers")
     strays, offset = _classify(points, viewpoint, part_of(report, 0.0, CLASSIFIED))
@@ -171,7 +177,6 @@ def _classify(points: Points, viewpoint: ArrayLike | None, progress: Progress | 
 
     viewpoint : (3,) or (n, 3) world position of the scanner; None: the stations of the georeference
     """
-    check_kind(points, "points", Points, "Points")
     eyes = eyes_of(points) if viewpoint is None else check_eyes(viewpoint, len(points))
     finite = np.flatnonzero(points.finite)
     first, ids = distinct(points.positions[finite])

@@ -18,7 +18,7 @@ POSITIONS = (
 NORMALS = ("normals", "normal")
 COLORS = ("colors", "colours", "color", "colour", "rgb", "rgba")
 AXES = (("x", "y", "z"),)
-NORMAL_AXES = (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"))
+NORMAL_AXES = (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"), ("normalx", "normaly", "normalz"))
 CHANNELS = (("red", "green", "blue"), ("r", "g", "b"))
 SPECIAL = frozenset(
     (*POSITIONS, *NORMALS, *COLORS, *(name for triples in (AXES, NORMAL_AXES, CHANNELS) for t in triples for name in t))

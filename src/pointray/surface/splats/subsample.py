@@ -7,10 +7,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.arguments import check_callback, check_kind, check_positive, check_whole
+from ...base.arguments import check_callback, check_positive, check_whole
 from ...base.arrays import Floats
 from ...base.progress import StageProgress
 from ...base.warning_log import warn
+from ...cloud.conversion import PointsLike, check_points
 from ...cloud.denoising.smooth import check_sigma, place
 from ...cloud.georeference import RESIDUAL
 from ...cloud.neighbors import distinct, kd_order, neighbors
@@ -65,7 +66,7 @@ class Subsample(NamedTuple):
 
 
 def subsample(
-    points: Points,
+    points: PointsLike,
     tolerance: float | None = None,
     count: int | None = None,
     *,
@@ -79,7 +80,7 @@ def subsample(
 
     Parameters
     ----------
-    points : Points
+    points : Points, or what `as_points` accepts
         Missing normals are estimated. Rows that are not finite are ignored; duplicates count once.
     tolerance : float, optional
         Maximum distance, in the points' unit, of 99.9% of the points from the surface of
@@ -132,7 +133,7 @@ def subsample(
 
 
 def find_subsample(
-    points: Points,
+    points: PointsLike,
     tolerance: float | None,
     count: int | None,
     smooth: str | float = "auto",
@@ -146,7 +147,7 @@ def find_subsample(
     count : number of points of the result
     smooth : standard deviation of the noise to remove first, or "auto"
     """
-    check_kind(points, "points", Points, "Points")
+    points = check_points(points)
     check_callback(progress)
     _check_target(tolerance, count)
     smooth = check_sigma(smooth, "smooth")
