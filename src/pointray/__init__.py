@@ -15,18 +15,19 @@ from typing import Any
 import lazy_loader
 
 from .base.deprecation import warn_renamed
-from .base.exchange import register_exchange
 from .base.executor import register_backend
+from .base.registered import register
 
 # `__init__.pyi` lists the public names, which are imported on first use: `import pointray` is fast.
 _load, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 _RENAMED = {"Survey": "Georeference"}  # deprecated aliases
 
-# The only dependencies on higher layers: rendering and baking get Dask executors from here when a client is given, and
-# `cloud/` the conversions of objects of other libraries.
+# The only dependencies on higher layers: Dask executors for rendering and baking, when a client is given; conversions
+# of objects of other libraries for `cloud/`; and the scene that the command line makes of a scan.
 register_backend(lambda: importlib.import_module(".cluster.backend", __name__))
-register_exchange(lambda: importlib.import_module(".io.exchange.convert", __name__))
+register("exchange", lambda: importlib.import_module(".io.exchange.convert", __name__))
+register("default_scene", lambda: importlib.import_module(".auto_view.default_scene", __name__))
 
 
 def __getattr__(name: str) -> Any:

@@ -11,9 +11,10 @@ import pytest
 
 import pointray as pr
 from helpers.marks import long
+from pointray.auto_view.default_scene import QUICK
 from pointray.auto_view.studio import studio
 from pointray.base.choices import AUTO
-from pointray.cli import baked_light, execute, serve
+from pointray.cli import execute, serve
 from pointray.cli.read_options import Reading
 from pointray.cli.scan_lights import ScanLights
 from pointray.cli.scan_surface import PLAIN
@@ -76,7 +77,7 @@ def run(capsys, *arguments):
 def test_light_is_baked_quickly_and_the_headlight_option_is_named(scan, bakes, capsys, more):
     output = run(capsys, "render", scan, "-o", scan.with_name("a.png"), *SMALL, "--seed", "5", *more)
     (settings,) = bakes
-    assert (settings.patches, settings.links) == (baked_light.QUICK_PATCHES, baked_light.QUICK_LINKS)
+    assert (settings.patches, settings.links) == (QUICK["patches"], QUICK["links"])
     assert settings.seed == 5
     assert "--light headlight" in output and output.count("\n") == 1
 

@@ -88,16 +88,7 @@ SENSE: dict[str, set[str]] = {
     **dict.fromkeys(("Backdrop", "Plane", "Points", "Scene", "Settings", "Georeference", "Trajectory", "slice"), set()),
 }
 ARRAY_KINDS = {"ArrayLike", "Doubles", "NDArray", "Any", "Color", "Vector"}  # wrong dtypes are ValueErrors
-PATHS = {
-    "path",
-    "paths",
-    "out",
-    "image",
-    "host",
-    "trajectory",
-    "points",
-    "x",
-}  # parameters whose wrong values may raise an OSError
+PATHS = {"path", "paths", "out", "image", "host", "trajectory", "points", "x", "scene", "subject"}
 
 
 class Things:

@@ -8,6 +8,7 @@ direction: view direction; framing: camera distance; coverage: share of the imag
 studio: lights; fronts: test for visible back faces
 contact: contact shadow of a standing object; shadow_under_image: kernel that composites it
 first_view: all of these together, as `pointray.frame`. Begin here.
+default_scene: scans, points or models in the studio's light, for `render`, `view` and `bake` of anything but a scene
 """
 
 from __future__ import annotations

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base.arguments import Vector, check_choice, check_direction, check_kind, check_number
+from ..base.arguments import Vector, check_choice, check_direction, check_number
 from ..base.arrays import Doubles
 from ..base.choices import AUTO, VIEWS
 from ..base.warning_log import warn
+from ..cloud.conversion import PointsLike, check_points
 from ..cloud.points import Points
 from ..model.model import Model
 from ..rendering.camera import SIZE, Camera
@@ -188,7 +189,7 @@ class Scan:
 
 
 def frame(
-    subject: Scene | Model | Points,
+    subject: Scene | Model | PointsLike,
     view: str = AUTO,
     up: ArrayLike | str = AUTO,
     fov: float = 40,
@@ -202,7 +203,7 @@ def frame(
 
     Parameters
     ----------
-    subject : Scene, Model or Points
+    subject : Scene, Model, or what `as_points` accepts
         The central 99.9% of its points along each side of the image are framed. Clusters that are farther away than
         the size of the scan are not framed if they have at most 2% of the points.
     view : {"auto", "iso", "front", "back", "left", "right", "top", "bottom"}
@@ -240,7 +241,8 @@ def frame(
     >>> camera.size, camera.up
     ((320, 240), (0.0, 0.0, 1.0))
     """
-    check_kind(subject, "subject", (Scene, Model, Points), "a Scene, a Model or Points")
+    if not isinstance(subject, Scene | Model):
+        subject = check_points(subject, "subject")
     lens = Camera.look_at((0, 0, 0), (1, 0, 0), fov=fov, size=size, projection=projection)
     scan = Scan(subject, ViewChoice(up_of(up), view, azimuth, elevation, zoom))
     return scan.camera(Lens(lens.fov, lens.size, lens.projection))

@@ -13,7 +13,9 @@ from ..base.arguments import check_callback, check_kind, check_path, wrong
 from ..base.arrays import Floats
 from ..base.executor import Client, Executor, snapshot_and_executor
 from ..base.progress import Progress, StageProgress, in_stage, report_progress
+from ..base.registered import registered
 from ..base.warning_log import warn
+from ..cloud.conversion import PointsLike
 from ..engine.jit import Array
 from ..engine.kernels.records import World
 from ..model.model import Model
@@ -508,13 +510,18 @@ class Baked:
 
 
 def bake(
-    scene: Scene, settings: BakeSettings | None = None, progress: StageProgress | None = None, client: Client = None
+    scene: Scene | PointsLike,
+    settings: BakeSettings | None = None,
+    progress: StageProgress | None = None,
+    client: Client = None,
 ) -> Baked:
     """Bake the light of a scene: the light that arrives at every instance and plane, after all bounces.
 
     Parameters
     ----------
-    scene : Scene
+    scene : Scene, Model, or what `as_points` accepts, or a list of these
+        Models, and those of points and paths of scans, stand in the fixed lights of `studio`; their instances are
+        numbered from 0.
     settings : BakeSettings, optional
         Default: `BakeSettings()`.
     progress : callable, optional
@@ -556,9 +563,10 @@ def bake(
     >>> baked.irradiance(ball).shape
     (1000, 3)
     """
-    check_kind(scene, "scene", Scene, "a Scene")
     settings = BakeSettings() if settings is None else check_kind(settings, "settings", BakeSettings, "BakeSettings")
     check_callback(progress)
+    if not isinstance(scene, Scene):
+        return registered("default_scene").baked(scene, settings, progress, client)
     if not scene.shapes:
         raise ValueError("the scene is empty: nothing to bake")
     return Baked(scene, settings, in_stage(progress, "baking light"), client)

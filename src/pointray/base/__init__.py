@@ -6,7 +6,7 @@ choices : names shared by options, scene files and the viewer
 deprecation : warnings for renamed names
 dependencies : hashes of the sources that a module imports, directly or indirectly
 executor : protocols of executors, which run jobs in this process or on a cluster
-extras : optional packages; exchange : place of the conversions of objects of other libraries
+extras : optional packages; registered : modules of higher rooms, imported when needed
 progress, warning_log : progress callbacks; warnings collected per thread
 memory, malloc_arenas : available memory, and returning freed memory to the system
 atomic_write : files replaced atomically

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from ..base.warning_log import warn
 from .waiting import Progress, in_background
-
-# Settings for light that is baked by default, which delays an image by one to two seconds, see docs/decisions.
-QUICK_PATCHES, QUICK_LINKS, QUICK_NOISE = 16384, 16, 1.0
 
 # Notes, printed if there is no file.
 KEEP = "to reuse it, write it to a file with `pointray bake` and use --bake"
@@ -79,12 +76,11 @@ def light_source(settings: Any, file: Path | None, quick: bool = False) -> Light
     file : value of --bake, or None; raise OSError if it is missing
     quick : whether light is baked by default, not on request; it is then baked roughly, in one to two seconds
     """
+    from ..auto_view.default_scene import quick_bake
     from ..baking.settings import BakeSettings
     from ..base.atomic_write import check_regular
 
     if settings.integrator != "baked":
         return None
-    baking = BakeSettings(seed=settings.seed, threads=settings.threads)
-    if quick:
-        baking = replace(baking, patches=QUICK_PATCHES, links=QUICK_LINKS, noise=QUICK_NOISE)
+    baking = quick_bake(settings) if quick else BakeSettings(seed=settings.seed, threads=settings.threads)
     return LightSource(baking, file and check_regular(file), quick)

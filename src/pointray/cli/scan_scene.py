@@ -9,10 +9,9 @@ import numpy as np
 
 from ..auto_view import STUDIO
 from ..auto_view.first_view import ViewChoice
-from ..base.choices import AUTO, EXPOSED, MUTED, SAME
+from ..base.choices import AUTO, EXPOSED, MUTED
 from ..cloud.normals.validation import select_normals
 from ..cloud.points import Points
-from ..shade.lights import SunLight
 from ..surface.splats.radii import radii_in
 from .baked_light import FIRST, LightSource, light_source
 from .options import background_of, settings_of
@@ -153,14 +152,13 @@ class ScanScene:
         Baked light becomes direct light where `build` turned baking off, as it does by default in rooms.
         Back faces are lit like front faces if many of them are visible, unless an option decides.
         """
-        from ..auto_view.fronts import shows_backs
+        from ..auto_view.default_scene import with_visible_backs
         from ..auto_view.studio import with_direct_light
 
         settings = with_direct_light(settings) if self._baked is None else settings
-        may_change = self.auto_backfaces and settings.backfaces != SAME
-        if may_change and (self._scan is None or shows_backs(self._scene, camera)):
-            return replace(settings, backfaces=SAME)
-        return settings
+        return (
+            with_visible_backs(settings, self._scene, camera, self._scan is None) if self.auto_backfaces else settings
+        )
 
     def shadow(self, settings: Any) -> Any:
         """Compute the shadow of a standing object on an invisible ground, for images of the built scene.
@@ -168,15 +166,14 @@ class ScanScene:
         Return None if the scan does not stand, an option excludes the shadow, the lights are not the default ones
         ("studio"), or the image has no background colour to draw it on.
         """
-        from ..auto_view.contact import contact_shadow
+        from ..auto_view.default_scene import shadow_under
 
         wanted = self._options.contact_shadow and not self._options.ground
         fits = wanted and settings.integrator in EXPOSED and self._lights.look == STUDIO
         if not fits or self.backdrop is None or self._layers or self._scan is None or not self._scan.stands:
             return None
         scan = self._scan
-        key = next((light.direction for light in self._scene.lights if isinstance(light, SunLight)), None)
-        return in_background(lambda: contact_shadow(self._scene, scan.positions, scan.up, key))
+        return in_background(lambda: shadow_under(self._scene, scan))
 
     def _front(self, model: Any, scan: Any) -> float | None:
         """Return the azimuth in degrees of the view for which the key light of the default lights is fixed.
@@ -186,13 +183,13 @@ class ScanScene:
 
         scan : the `auto_view.first_view.Scan` of the model, which knows its default view
         """
+        from ..auto_view.default_scene import fixed_front
+
         if self._baked is None:
             return None
-        outlook = scan.natural_outlook
-        if (outlook.within or model.parts) and self._baked.quick:
-            self._baked = None
-            return None
-        return float(round(outlook.azimuth))  # independent of the options of the view
+        front = fixed_front(scan, self._baked.quick, bool(model.parts))  # independent of the options of the view
+        self._baked = self._baked if front is not None else None
+        return front
 
     @property
     def one_color(self) -> tuple[float, float, float] | None:

@@ -7,11 +7,10 @@ import signal
 import sys
 import threading
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ..base.choices import AUTO, SAME
+from ..base.choices import AUTO
 from ..model.scan_inputs import check_scan, files_of, is_in_parts, is_saved
 from .baked_light import FIRST, light_source
 from .options import background_of
@@ -43,11 +42,11 @@ def shared_scene_of(
     surface : keyword arguments of `Model`; only the default surface gets levels of detail
     cached : whether the model of scans may come from the cache on disk, and is stored there
     """
-    from ..auto_view.first_view import Scan, ViewChoice
-    from ..auto_view.fronts import shows_backs
+    from ..auto_view.first_view import ViewChoice
     from ..auto_view.studio import with_direct_light
-    from ..rendering.warmup import has_clicks, warm_up
+    from ..rendering.warmup import warm_up
     from ..viewer.loading import FileLoader, SceneFileLoader
+    from ..viewer.scene_setup import SceneSetup
     from ..viewer.shared_scene import SharedScene
 
     scene_file = scene_of(paths)
@@ -62,28 +61,6 @@ def shared_scene_of(
     choice = ViewChoice(options["up"])
     lights = ScanLights(options["light"], options["fill"])
     background = background_of(options["background"])
-    known: list[Any] = []  # up direction and lights, found once for the coarse version and the full model
-
-    def set_up_scene(scene: Any) -> Any:
-        if not known:
-            scan = Scan(scene, choice)
-            if scan.found:
-                _print(scan.found)
-            outlook = None if baked is None else scan.natural_outlook
-            if outlook is not None and outlook.within and options["quick"]:
-                outlook, shared.settings = None, with_direct_light(settings)
-            front = None if outlook is None else float(round(outlook.azimuth))
-            known.extend((scan.up, lights.make(scan.bounds.mean(axis=0), scan.up, front), bool(scan.ignored)))
-            unseen = not has_clicks() or any(model.parts for model in scene.models)
-            if options["backfaces"] is None and (unseen or shows_backs(scene, scan.camera())):
-                shared.settings = replace(shared.settings, backfaces=SAME)
-        up, scene.lights, has_outliers = known
-        bounds = Scan(scene, choice).bounds if has_outliers else scene.bounds
-        if options["ground"]:
-            scene.add(ground_under(bounds, up))
-        scene.background = background
-        return up
-
     files = files_of(paths)
     check_unread(files, reading)
     for file in files:
@@ -101,14 +78,17 @@ def shared_scene_of(
     from_file = baked is not None and baked.file is not None
     if baked is not None and not from_file:
         warm_up(settings, clicks=True, bakes=True, before=with_direct_light(settings))
+    setup = SceneSetup(settings, choice, lights.make, baked is not None, options["quick"], options["backfaces"] is None)
+    setup.ground = ground_under if options["ground"] else None
+    setup.background, setup.report = background, _print
     leveled = settings.levels and surface == PLAIN and not from_file  # light of a file fits the full model only
     light = baked.make if baked is not None and from_file else None
     scans = ScanFiles(tuple(file for file in files if not is_saved(file)), reading, cached)
     entry = scans.entry(normals=options["normals"], **surface) if scans.files else None
     kept = reading.arguments, entry, reading.drop_strays, options.get("memory")
-    loader = FileLoader(files, surface, set_up_scene, leveled, options["normals"], choice, light, *kept)
+    loader = FileLoader(files, surface, setup, leveled, options["normals"], choice, light, *kept)
     shared = SharedScene(title, None, choice.up or (0.0, 0.0, 1.0), settings, source)
-    shared.exposes, shared.look = True, lights.look or ""
+    setup.shared, shared.exposes, shared.look = shared, True, lights.look or ""
     shared.contact_shadow = options["contact_shadow"]
     return shared, loader
 

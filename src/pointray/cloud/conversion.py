@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, TypeAlias
 
-from ..base.exchange import exchange
+from ..base.registered import registered
 from .points import Points
 
 PointsLike: TypeAlias = Any  # Points, or anything else that `as_points` accepts
@@ -55,4 +55,4 @@ def as_points(x: PointsLike) -> Points:
 
 def check_points(value: PointsLike, name: str = "points") -> Points:
     """Return the value of a parameter as points, see `as_points`. name : of the parameter, in messages"""
-    return value if isinstance(value, Points) else exchange().as_points(value, name)
+    return value if isinstance(value, Points) else registered("exchange").as_points(value, name)

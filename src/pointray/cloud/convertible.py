@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from ..base.arguments import check_flag
-from ..base.exchange import exchange
+from ..base.registered import registered
 
 
 class Convertible:
@@ -50,7 +50,7 @@ class Convertible:
         >>> len(pr.as_points(cloud))
         1000
         """
-        return exchange().to_open3d(self, check_flag(legacy, "legacy"))
+        return registered("exchange").to_open3d(self, check_flag(legacy, "legacy"))
 
     def to_pyvista(self) -> Any:
         """Return the points as a PyVista dataset.
@@ -72,7 +72,7 @@ class Convertible:
         >>> mesh.n_points
         1000
         """
-        return exchange().to_pyvista(self)
+        return registered("exchange").to_pyvista(self)
 
     def to_laspy(self) -> Any:
         """Return the points as laspy's object, with the dimensions and the coordinate system of a LAS file.
@@ -94,7 +94,7 @@ class Convertible:
         >>> len(data.points)
         1000
         """
-        return exchange().to_laspy(self)
+        return registered("exchange").to_laspy(self)
 
     def to_pandas(self) -> Any:
         """Return the points as a table of pandas.
@@ -117,7 +117,7 @@ class Convertible:
         >>> table.shape[0], list(table.columns[:3])
         (1000, ['x', 'y', 'z'])
         """
-        return exchange().to_pandas(self)
+        return registered("exchange").to_pandas(self)
 
     def to_structured(self) -> NDArray[Any]:
         """Return the points as a structured array.
@@ -135,4 +135,4 @@ class Convertible:
         >>> rows.shape, rows.dtype["x"]
         ((1000,), dtype('float64'))
         """
-        return exchange().to_structured(self)
+        return registered("exchange").to_structured(self)

@@ -20,7 +20,7 @@ from ..shade.attributes import Attribute
 from .exposure import tone_of
 from .exr import channels_of, check_exr, write_exr
 from .legend import check_legend, draw_legend
-from .tone import Backdrop, backdrop_rows, check_backdrop, check_tone, linear_to_srgb, tone
+from .tone import Backdrop, backdrop_rows, check_backdrop, check_tone, linear_to_srgb, srgb_to_linear, tone
 
 SHOWN = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG"}
 FORMATS = {**SHOWN, ".exr": "EXR"}
@@ -254,6 +254,20 @@ def _to_bytes(
         out[band, :, :3] = np.rint(linear_to_srgb(shown) * 255)
         if transparent:
             out[band, :, 3:] = np.rint(alpha * 255)
+    return out
+
+
+def displayed(image: ArrayLike, exposure: float, curve: str, backdrop: Backdrop | None = None) -> Floats:
+    """Return the pixels that `write_image` would write, as a linear image with alpha 1, (h, w, 4) float32.
+
+    Written without exposure and curve, it has the same pixels.
+
+    image, exposure, curve, backdrop : as for `write_image`, but no value is chosen automatically
+    """
+    array = _check_image(image)
+    behind = None if backdrop is None else backdrop_rows(backdrop, len(array))
+    out = np.ones((*array.shape[:2], 4), np.float32)
+    out[..., :3] = srgb_to_linear(_to_bytes(array, (exposure, curve), False, behind))
     return out
 
 

@@ -15,7 +15,9 @@ from ..base.arrays import Floats
 from ..base.executor import Client, Executor, snapshot_and_executor
 from ..base.memory import check_memory
 from ..base.progress import StageProgress, in_stage
+from ..base.registered import registered
 from ..base.warning_log import warn
+from ..cloud.conversion import PointsLike
 from ..engine.jit import Cancel, run
 from ..image.denoise import check_denoise, denoise
 from ..scene.scene import Scene
@@ -42,8 +44,8 @@ Progress = Callable[[float], None]
 
 
 def render(
-    scene: Scene,
-    camera: Camera,
+    scene: Scene | PointsLike,
+    camera: Camera | None = None,
     settings: Settings | None = None,
     progress: StageProgress | None = None,
     client: Client = None,
@@ -51,12 +53,17 @@ def render(
 ) -> NDArray[np.float32]:
     """Render an image of a scene as seen by a camera. The scene is not modified.
 
+    Of anything but a scene it returns the picture that `pointray render` writes: ``pr.render("scan.laz")``.
+
     Parameters
     ----------
-    scene : Scene
-    camera : Camera
+    scene : Scene, Model, or what `as_points` accepts, or a list of these
+        Points and paths of scans become models, which stand in the light of a studio. The light is baked, the exposure
+        chosen, and a background added.
+    camera : Camera, optional
+        Default: as `frame` chooses it; 800 x 600 pixels, except for a Scene.
     settings : Settings, optional
-        Default: `Settings()`.
+        Default: `Settings()`; for anything but a scene those of `pointray render`, with baked light.
     progress : callable, optional
         Called about ten times a second as `progress(stage, share)` with the name of the stage and its completed share,
         0 to 1. An exception raised in it ends the call.
@@ -70,7 +77,8 @@ def render(
     Returns
     -------
     (h, w, 4) float32
-        Linear RGB, premultiplied, and alpha, the covered fraction of the pixel (1 with a background).
+        Linear RGB, premultiplied, and alpha, the covered fraction of the pixel (1 with a background). For anything but
+        a scene: the displayed colours, to be written without exposure.
 
     Raises
     ------
@@ -95,9 +103,20 @@ def render(
     >>> image.shape, image.dtype
     ((24, 32, 4), dtype('float32'))
     """
-    scene, settings = check_view(scene, camera, settings, progress)
-    now, executor = snapshot_and_executor(scene, client, check_spread(spread, client, settings))
-    return render_snapshot(now, camera, settings, in_stage(progress, "rendering"), executor)
+
+    def draw(scene: Scene, camera: Camera, settings: Settings) -> NDArray[np.float32]:
+        now, executor = snapshot_and_executor(scene, client, check_spread(spread, client, settings))
+        return render_snapshot(now, camera, settings, in_stage(progress, "rendering"), executor)
+
+    if camera is not None:
+        check_kind(camera, "camera", Camera, "a Camera, or None")
+    if not isinstance(scene, Scene):
+        check_options(settings, progress)
+        check_spread(spread, client, settings or Settings())
+        return registered("default_scene").render(scene, camera, settings, draw, progress)
+    seen = registered("default_scene").frame(scene) if camera is None else camera
+    scene, settings = check_view(scene, seen, settings, progress)
+    return draw(scene, seen, settings)
 
 
 def render_snapshot(
@@ -168,8 +187,7 @@ def check_scene(scene: Any, settings: Any, progress: Any, stacklevel: int = 3) -
     stacklevel : of the stack frame that the warning names
     """
     check_kind(scene, "scene", Scene, "a Scene")
-    check_callback(progress)
-    settings = Settings() if settings is None else check_kind(settings, "settings", Settings, "Settings, or None")
+    settings = check_options(settings, progress)
     if settings.integrator == "baked" and scene.baked is None:
         from ..baking.baked import bake  # importing takes 0.1 s, which other integrators save
         from ..baking.settings import BakeSettings
@@ -179,6 +197,12 @@ def check_scene(scene: Any, settings: Any, progress: Any, stacklevel: int = 3) -
         lit.baked = bake(scene, BakeSettings(seed=settings.seed, threads=settings.threads))
         scene = lit
     return scene, settings
+
+
+def check_options(settings: Any, progress: Any) -> Settings:
+    """Validate the settings of an image, and a progress callback; return the settings, the defaults for None."""
+    check_callback(progress)
+    return Settings() if settings is None else check_kind(settings, "settings", Settings, "Settings, or None")
 
 
 def _surfaces(scene: Snapshot, camera: Camera, settings: Settings, executor: Executor | None) -> NDArray[np.float32]:

@@ -10,7 +10,8 @@
   models in threads of lower priority (`thread_priority`); `contacts` caches the shadow under a standing object
 - `queries`: answers to clicks (`pick`) and legends; `exports`: saved images and films
 
-`loading` loads the shared scene (`time_left`: estimates of the time left); `sketch` draws points while kernels are
+`loading` loads the shared scene (`time_left`: estimates of the time left; `scene_setup`: its lights and ground;
+`default_view`: that of `view`); `sketch` draws points while kernels are
 compiled. `page_limits` limits what one page may use. `page` holds the files that the browser loads.
 
 A change of a slider: `server` passes the message to `session`, the panel's control checks the value, `display` stores
@@ -27,7 +28,8 @@ from contextlib import suppress
 from numpy.typing import ArrayLike
 
 from ..auto_view.first_view import Scan, ViewChoice, up_of
-from ..base.arguments import check_flag, check_kind, check_text, check_whole
+from ..base.arguments import check_flag, check_text, check_whole
+from ..cloud.conversion import PointsLike
 from ..scene.scene import Scene
 from .shared_scene import SharedScene
 from .viewer import Viewer
@@ -36,19 +38,20 @@ __all__ = ["Viewer", "view"]
 
 
 def view(
-    scene: Scene,
+    scene: Scene | PointsLike,
     host: str = "127.0.0.1",
     port: int = 0,
     open_browser: bool = True,
     block: bool = True,
     up: ArrayLike | str = "auto",
 ) -> Viewer:
-    """Show a scene in the browser, interactively.
+    """Show a scene, scans, points or models in the browser, interactively: ``pr.view("scan.laz")``.
 
     Parameters
     ----------
-    scene : Scene
-        Changes to the scene appear on the page.
+    scene : Scene, Model, or what `as_points` accepts, or a list of these
+        Changes to a scene appear on the page. Anything else is shown as by `pointray view`, a coarse version first,
+        with automatic view, light and exposure. The path of a scene file (.toml) shows that scene.
     host : str
         Address to listen on. By default only this machine can reach it. Anyone who can reach it and knows the viewer's
         `url`, which contains a random token, can see the scene.
@@ -84,13 +87,19 @@ def view(
     >>> light = scene.add_light(pr.SunLight((1, 1, -2)))
     >>> viewer.close()
     """
-    check_kind(scene, "scene", Scene, "a Scene")
     host, port = check_text(host, "host"), check_whole(port, "port", 0, 65535)
     open_browser, block = check_flag(open_browser, "open_browser"), check_flag(block, "block")
     wanted = up_of(up)
-    if wanted is None:
-        wanted = Scan(scene, ViewChoice()).up if scene.models else (0.0, 0.0, 1.0)
-    viewer = Viewer(SharedScene("pointray", scene, wanted), host, port)
+    if isinstance(scene, Scene):
+        if wanted is None:
+            wanted = Scan(scene, ViewChoice()).up if scene.models else (0.0, 0.0, 1.0)
+        viewer = Viewer(SharedScene("pointray", scene, wanted), host, port)
+    else:
+        from .default_view import default_view
+
+        shared, loader = default_view(scene, wanted)
+        viewer = Viewer(shared, host, port)
+        shared.load(loader)
     if in_notebook():
         return viewer
     if not (open_browser and viewer.open_browser()):

@@ -34,6 +34,8 @@ from .thread_priority import LEVELS, run_niced
 COARSE = 60_000  # points of the coarse version, built in about 0.3 s
 LARGE_FROM = 4 * COARSE  # points above which a coarse version is built
 
+Group = list[Path] | Points | Model  # what one model is made of
+
 
 @dataclass(frozen=True)
 class FileLoader:
@@ -64,6 +66,8 @@ class FileLoader:
         Whether to remove strays from the scans.
     memory : int, optional
         Memory budget in bytes of the open parts of a model, see `Model.load`.
+    clouds : sequence of Points or Model
+        Shown beside the files.
     """
 
     paths: Sequence[Path]
@@ -77,12 +81,13 @@ class FileLoader:
     entry: Entry | None = None
     drop_strays: bool = False
     memory: int | None = None
+    clouds: Sequence[Points | Model] = ()
 
     @property
-    def _groups(self) -> list[list[Path]]:
-        """Paths of the files of each model: all scans together, and each saved model by itself."""
+    def _groups(self) -> list[Group]:
+        """What each model is made of: the paths of all scans together, of a saved model, or points in memory."""
         scans = [path for path in self.paths if path.suffix.lower() != SAVED]
-        return [*([scans] if scans else []), *([path] for path in self.paths if path not in scans)]
+        return [*([scans] if scans else []), *([path] for path in self.paths if path not in scans), *self.clouds]
 
     def __call__(self, shared: SharedScene) -> None:
         notes: list[str] = []
@@ -143,7 +148,9 @@ class FileLoader:
             sketch = Sketch(samples, [len(_points(cloud)) for cloud in clouds])
             shared.show_sketch(sketch, Scan(sketch.points, self.choice).up)
 
-    def _read(self, files: list[Path], shared: SharedScene) -> Points | Model:
+    def _read(self, files: Group, shared: SharedScene) -> Points | Model:
+        if not isinstance(files, list):
+            return files
         stage = f"reading {files[0].name if len(files) == 1 else f'{len(files):,} files'}"
         shared.report(stage, None)
         if files[0].suffix.lower() == SAVED:
@@ -222,11 +229,13 @@ def _lacks_levels(model: Model) -> bool:
 
 
 @contextmanager
-def _with_file_name(files: Sequence[Path]) -> Iterator[None]:
+def _with_file_name(files: Group) -> Iterator[None]:
     """Prepend the name of the file, or the number of files, to the message of a ValueError raised in this context."""
     try:
         yield
     except ValueError as error:
+        if not isinstance(files, list):
+            raise
         raise ValueError(f"{files[0]}: {error}" if len(files) == 1 else f"{len(files):,} files: {error}") from error
 
 

@@ -55,10 +55,10 @@ SUPPORTED = (
 )
 
 
-def as_points(x: Any, name: str = "points") -> Points:
+def as_points(x: Any, name: str = "points", wanted: str = SUPPORTED) -> Points:
     """Return an object of another library, an array, or the points of files as `Points`.
 
-    name : of the parameter, in messages
+    name : of the parameter, in messages; wanted : the supported kinds, in messages
 
     Raises
     ------
@@ -69,11 +69,11 @@ def as_points(x: Any, name: str = "points") -> Points:
     ValueError
         If it holds no positions, or wrong shapes, dtypes or values.
     """
-    if is_path(x) or (isinstance(x, list | tuple) and x and all(map(is_path, x))):
+    if is_path(x) or is_paths(x):
         return read(x)
     convert = converter_of(x)
     if convert is None:
-        raise wrong_type(name, SUPPORTED, x)
+        raise wrong_type(name, wanted, x)
     try:
         return convert(x)
     except ValueError as error:
@@ -83,6 +83,11 @@ def as_points(x: Any, name: str = "points") -> Points:
 def is_path(x: Any) -> bool:
     """Return whether an object is a path: a str, or a `pathlib.Path` or the like."""
     return isinstance(x, str | os.PathLike)
+
+
+def is_paths(x: Any) -> bool:
+    """Return whether an object is a list of paths."""
+    return isinstance(x, list | tuple) and len(x) > 0 and all(map(is_path, x))
 
 
 def converter_of(x: Any) -> Callable[[Any], Points] | None:
