@@ -37,6 +37,7 @@ FLOORS = {
     "io": [
         "formats",
         "unpacking",
+        "plugins",
         "known_formats",
         "selection",
         "opening",

@@ -160,3 +160,15 @@ def test_a_scene_file_is_shown_but_not_rendered(scan, tmp_path, capsys):
     assert len(loaded(file).scene.models) == 1
     with pytest.raises(ValueError, match="a.toml: a scene file: pass .* of `load_scene`"):
         pr.render(file)
+
+
+def test_prepare_takes_points_in_memory(statue, tmp_path):
+    rows = statue.to_structured()
+    assert pr.prepare(rows, tmp_path / "a.pointray").points == 4000
+    assert pr.prepare(rows, tmp_path / "a.ply", every=4).points == 1000
+    assert pr.prepare(statue, f"{tmp_path}/parts.pointray/").parts == 1
+    box = pr.read(tmp_path / "a.ply").bounds
+    half = pr.prepare(statue, tmp_path / "b.ply", bounds=[box[0], box.mean(axis=0)]).points
+    assert 0 < half < 2000
+    with pytest.raises(ValueError, match="points: contains no selected points"):
+        pr.prepare(statue, tmp_path / "c.ply", bounds=[[9, 9, 9], [10, 10, 10]])

@@ -2,6 +2,7 @@
 
 files : `read` and `write`; reading : validation of the arguments of `read`
 formats : one module or folder per format; known_formats : the registry of formats and the detection of a file's format
+plugins : readers of other packages
 unpacking : decompression of .gz and .zst
 opening, selection : files to be opened, and the choice of their rows
 gather, filling : assembly of the rows of several files into one cloud in memory

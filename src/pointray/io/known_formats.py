@@ -13,6 +13,7 @@ from ..base.arguments import check_path
 from ..base.atomic_write import unsupported_extension
 from ..base.extras import require
 from .formats._source import HEAD, NO, Format, Writer
+from .plugins import plugin_formats
 from .unpacking import PACKED
 
 # Advice for files of other programs, by extension.
@@ -33,10 +34,13 @@ def format_files() -> list[Path]:
 
 @cache
 def _formats() -> dict[str, Format]:
-    """Import the modules of all formats on the first call; return the formats by module name, for example "ply"."""
+    """Import the modules of all formats on the first call; return the formats by module name, for example "ply".
+
+    Formats that other packages read follow, by extension.
+    """
     root = Path(__file__).parent
     names = [".".join((__package__, *file.relative_to(root).with_suffix("").parts)) for file in format_files()]
-    return {name.rsplit(".", 1)[1]: import_module(name).FORMAT for name in names}
+    return {name.rsplit(".", 1)[1]: import_module(name).FORMAT for name in names} | plugin_formats()
 
 
 def format_of(path: Path, named: Path | None = None) -> Format:

@@ -19,11 +19,14 @@ from ..base.executor import Client, backend
 from ..base.progress import StageProgress, in_stage
 from ..base.warning_log import warn
 from ..cloud.cleaning import find_flaws
+from ..cloud.conversion import PointsLike, check_points
 from ..cloud.denoising.smooth import smooth as smooth_points
 from ..cloud.normals.estimate import estimate_normals
 from ..cloud.normals.validation import select_normals
 from ..cloud.outliers import without_strays
 from ..cloud.points import MOST, Points
+from ..io.exchange.columns import selected
+from ..io.exchange.convert import is_path, is_paths
 from ..io.files import open_files, request_of, write
 from ..io.gather import gather
 from ..io.selection import Selection
@@ -81,7 +84,7 @@ class Prepared:
 
 
 def prepare(
-    paths: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
+    paths: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] | PointsLike,
     out: str | os.PathLike[str],
     *,
     tolerance: float | str | None = None,
@@ -121,8 +124,8 @@ def prepare(
 
     Parameters
     ----------
-    paths : path, or sequence of paths
-        Scans, which are read as one cloud, folders of scans, or one saved model.
+    paths : path, or sequence of paths, or what `as_points` accepts
+        Scans, which are read as one cloud, folders of scans, or one saved model; or points in memory.
     out : path
         .pointray: a saved model, or a folder with a model in parts; otherwise a format that `write` supports. Existing
         files are replaced once the new one is complete.
@@ -223,21 +226,26 @@ class Plan(NamedTuple):
     options : PreparationOptions
     by_parts : bool
         Whether to make a model in parts one part at a time, without all points in memory.
+    points : Points or None
+        Points in memory instead of files.
     """
 
     files: list[Path]
     options: PreparationOptions
     by_parts: bool
+    points: Points | None = None
 
     @property
     def name(self) -> str:
         """Name of the scan in messages: the path of its only file, or the number of files."""
+        if self.points is not None:
+            return "points"
         return str(self.files[0]) if len(self.files) == 1 else f"{len(self.files):,} files"
 
     @property
     def is_saved(self) -> bool:
         """Whether the input is a saved model."""
-        return is_saved(self.files[0])
+        return self.points is None and is_saved(self.files[0])
 
 
 class Result(NamedTuple):
@@ -257,6 +265,8 @@ def plan_preparation(paths: Any, options: PreparationOptions) -> Plan:
 
     paths : files or folders, as given to `prepare`
     """
+    if not (is_path(paths) or is_paths(paths)):
+        return _plan_for_points(check_points(paths, "paths"), options)
     files, storage, named = files_of(paths), options.storage, options.named
     plan = Plan(files, options, False)
     saved = next(filter(is_saved, files), None)
@@ -271,6 +281,13 @@ def plan_preparation(paths: Any, options: PreparationOptions) -> Plan:
     for file in files:
         check_scan(file, options.reading.request)
     return plan._replace(by_parts=storage.in_parts and _goes_by_parts(plan))
+
+
+def _plan_for_points(points: Points, options: PreparationOptions) -> Plan:
+    """Check the options of `prepare` for points in memory."""
+    if options.shared:
+        raise ValueError(f"{options.named('client')} requires the paths of scans, not points in memory")
+    return Plan([], options, False, points)
 
 
 def _goes_by_parts(plan: Plan) -> bool:
@@ -355,8 +372,11 @@ def write_result(plan: Plan, result: Result, progress: StageProgress | None = No
 def _read(plan: Plan, report: StageProgress) -> Points:
     """Read all files of a scan as one cloud, without strays if the options drop these."""
     reading, viewpoint = plan.options.reading, plan.options.normals.viewpoint
-    with open_files(plan.files, reading.request) as files:
-        points = gather(files, reading.selection, in_stage(report, "reading"))
+    if plan.points is not None:
+        points = selected(plan.points, reading.selection, in_stage(report, "reading"))
+    else:
+        with open_files(plan.files, reading.request) as files:
+            points = gather(files, reading.selection, in_stage(report, "reading"))
     return without_strays(points, plan.name, viewpoint) if reading.drop_strays else points
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.progress import Progress
 from ...base.warning_log import warn
 from ...cloud.georeference import Georeference
 from ...cloud.points import Points
@@ -35,6 +36,15 @@ class ColumnSource(Source):
     def chunks(self) -> Iterator[Chunk]:
         """Yield all rows at once."""
         yield self._chunk
+
+
+def selected(points: Points, selection: Selection, progress: Progress | None = None) -> Points:
+    """Return the points that a selection chooses, as if they were read from a file; they themselves if it is all."""
+    if selection.is_all:
+        return points
+    chunk = Chunk(points.world, points.normals, points.colors, points.attributes)
+    source = ColumnSource(chunk, points.georeference)
+    return gather([Opener("points", lambda: source)], selection, progress)
 
 
 def points_of_chunk(chunk: Chunk, what: str, georeference: Georeference | None = None) -> Points:

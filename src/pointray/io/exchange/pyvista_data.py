@@ -10,6 +10,7 @@ import numpy as np
 
 from ...cloud.georeference import Georeference
 from ...cloud.points import Points
+from ..files import read
 from .columns import named_points
 from .losses import free_name, package, warn_lost
 
@@ -25,6 +26,14 @@ def points_of_dataset(dataset: Any) -> Points:
         with suppress(ValueError, TypeError):
             georeference = Georeference(**json.loads(str(np.asarray(dataset.field_data[KEY]).ravel()[0])))
     return named_points(np.asarray(dataset.points), arrays, "PyVista dataset", georeference)
+
+
+def read_dataset(path: str, **options: Any) -> Any:
+    """Read a scan for `pyvista.read`, which finds this function by its entry point; return `pyvista.PolyData`.
+
+    options : arguments of `pointray.read`, such as max_points
+    """
+    return to_pyvista(read(path, **options))
 
 
 def to_pyvista(points: Points) -> Any:
