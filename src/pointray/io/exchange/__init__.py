@@ -5,5 +5,6 @@ columns : columns in memory, by name or by role, as a `Source` that `gather` rea
 arrays : NumPy arrays, plain and structured, and anything with `__dlpack__` or `__array__`
 tables : pandas, polars and Arrow; open3d_clouds : Open3D; pyvista_data : PyVista; laspy_data : laspy
 meshes : vertices of trimesh and meshio
+facts : what each kind of object holds, for the documentation
 losses : one warning about what a conversion cannot store; names of columns that are still free
 """
