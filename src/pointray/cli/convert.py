@@ -7,13 +7,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from ..io.remote.remote_file import Location
 from ..model.scan_inputs import check_not_input, check_result
 from .read_options import Reading
 from .scan_files import read_scan, scan_of
 from .waiting import Progress, in_background, writing
 
 
-def convert(paths: Sequence[Path], reading: Reading, output: Path, force: bool) -> str:
+def convert(paths: Sequence[Location], reading: Reading, output: Path, force: bool) -> str:
     """Read a scan and write it in the format of the output's extension; return the line that the command prints.
 
     force : whether the output may overwrite an input

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import field, fields, is_dataclass
 from enum import StrEnum
 from functools import wraps
+from pathlib import Path
 from typing import Annotated, Any, NamedTuple, get_type_hints
 
 import typer
@@ -130,7 +131,12 @@ def with_options(*examples: str, **defaults: Any) -> Callable[[Callable[..., Non
             made = {
                 name: parsed(group, {each: values.pop(each) for each in names[name]}) for name, group in groups.items()
             }
-            command(**values, **made)
+            try:
+                command(**values, **made)
+            finally:
+                for file in values.get("files") or ():
+                    if not isinstance(file, Path):  # a RemoteFile: its temporary copy is removed
+                        file.release()
 
         run.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
         run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}

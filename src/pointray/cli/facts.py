@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from ..cloud.georeference import Georeference
 from ..cloud.points import Points
+from ..io.inputs import stamp
+from ..io.remote.remote_file import Location
 from ..shade.attributes import ASPRS, is_classification
 from .report import describe, describe_model
 from .scan_files import ScanFiles, read_scan
@@ -70,17 +72,17 @@ def describe_files(scan: ScanFiles) -> list[dict[str, Any]]:
     return list(_headers(scan))
 
 
-def _bytes_of(saved: Path) -> int:
+def _bytes_of(saved: Location) -> int:
     """Return the size in bytes of a saved model; for a model in parts, of all its files."""
-    files = saved.iterdir() if saved.is_dir() else [saved]
-    return sum(file.stat().st_size for file in files)
+    files = saved.iterdir() if isinstance(saved, Path) and saved.is_dir() else [saved]
+    return sum(stamp(file)[0] for file in files)
 
 
 def _headers(scan: ScanFiles) -> Iterator[dict[str, Any]]:
     from ..io.files import headers
 
     for file, format, listing in headers(scan.files, scan.reading.request):
-        known = {"file": str(file), "format": format.name, "bytes": file.stat().st_size, "rows": listing.count}
+        known = {"file": str(file), "format": format.name, "bytes": stamp(file)[0], "rows": listing.count}
         yield {**known, **{name: value for name, value in listing.facts.items() if name not in known}}
 
 

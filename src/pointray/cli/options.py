@@ -18,12 +18,19 @@ FILL = 0.3  # see `auto_view.studio.fill`
 
 SCANS = (
     "Scan: .ply, .las, .laz, .e57, .pcd, .xyz and more (docs/formats.md). Several files are read as one point cloud; "
-    "a folder stands for the scans in it."
+    "a folder stands for the scans in it. URLs work too: https://, s3://, gs:// (docs/formats.md)."
 )
 SUBJECT = f"{SCANS} Or a single saved model (.pointray) or scene file (.toml)."
 POINTS = f"{SCANS} Or a single saved model (.pointray), for its points."
 
 Vector = tuple[float, float, float]
+
+
+def location(text: str) -> Any:
+    """Parse an input of a command: a Path, or a `RemoteFile` for a URL; ValueError if the URL is invalid."""
+    from ..io.remote.remote_file import location_of
+
+    return location_of(text)
 
 
 def numbers(text: str, name: str) -> Vector:

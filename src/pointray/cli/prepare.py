@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from ..base.choices import AUTO
+from ..io.remote.remote_file import Location
 from ..io.selection import Selection
-from ..model.preparation import plan_preparation, prepare_by_parts, prepare_in_memory, write_result
+from ..model.preparation import Plan, plan_preparation, prepare_by_parts, prepare_in_memory, write_result
 from ..model.preparation_options import SEPARATORS, Cleaning, NormalsChoice, PreparationOptions, ReadOptions, Storage
 from .cluster import working_on
 from .options import bytes_of, numbers, smooth_of
@@ -47,14 +48,14 @@ def options_of(reading: Reading, output: str, given: dict[str, Any]) -> Preparat
     )
 
 
-def prepare(paths: Sequence[Path], reading: Reading, output: str, given: dict[str, Any]) -> str:
+def prepare(paths: Sequence[Location], reading: Reading, output: str, given: dict[str, Any]) -> str:
     """Run the command `prepare`: clean, reduce or convert a scan, write the result, and return the line to print.
 
     reading : options of reading the scan; output : value of -o; given : values of all other options by parameter name
     """
     options = options_of(reading, output, given)
     check_saved(paths[0], given["normals"] == AUTO and options.storage.drawing is None)
-    plan = plan_preparation(paths, options)
+    plan = _planned(paths, options)
     if plan.by_parts:
         with working_on(*(given[name] for name in SHARING)) as client, Progress() as progress:
             return str(in_background(lambda: prepare_by_parts(plan, client, progress.show)))
@@ -64,3 +65,11 @@ def prepare(paths: Sequence[Path], reading: Reading, output: str, given: dict[st
         write = partial(write_result, plan, result, progress.show)
         with nullcontext() if storage.in_parts else writing(storage.out):
             return str(in_background(write) if storage.is_model else write())
+
+
+def _planned(paths: Sequence[Location], options: PreparationOptions) -> Plan:
+    """Check inputs and options, and download remote files if that is necessary for a decision, with a progress bar."""
+    if all(isinstance(path, Path) for path in paths):
+        return plan_preparation(paths, options)
+    with Progress() as progress:
+        return in_background(lambda: plan_preparation(paths, options, progress.show))

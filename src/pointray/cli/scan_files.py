@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..base.progress import StageProgress
 from ..model.scan_inputs import check_scan, files_of, is_in_parts, is_saved
 from .read_options import Reading
+
+if TYPE_CHECKING:
+    from ..io.remote.remote_file import Location
 
 
 @dataclass(frozen=True)
@@ -18,14 +21,14 @@ class ScanFiles:
 
     Attributes
     ----------
-    files : tuple of Path
+    files : tuple of Path or RemoteFile
     reading : Reading
         Options of reading, such as columns and bounds.
     cached : bool
         Whether the scan's model may come from the cache on disk, and is stored there.
     """
 
-    files: tuple[Path, ...]
+    files: tuple[Location, ...]
     reading: Reading = Reading()
     cached: bool = False
 
@@ -35,8 +38,8 @@ class ScanFiles:
         return str(self.files[0]) if len(self.files) == 1 else f"{len(self.files):,} files"
 
     @property
-    def saved(self) -> Path | None:
-        """Path of the saved model; None for scans."""
+    def saved(self) -> Location | None:
+        """The saved model's path, or its URL; None for scans."""
         return self.files[0] if is_saved(self.files[0]) else None
 
     @property
@@ -45,11 +48,13 @@ class ScanFiles:
 
         If it has changed, all frames of an interrupted animation are rendered again.
         """
-        facts = [file.stat() for file in self.files]
+        from ..io.inputs import identity_of, stamp
+
+        stamps = [stamp(file) for file in self.files]
         return {
-            "scan": [str(file.resolve()) for file in self.files],
-            "scan_bytes": [fact.st_size for fact in facts],
-            "scan_written": [fact.st_mtime_ns for fact in facts],
+            "scan": [identity_of(file) for file in self.files],
+            "scan_bytes": [size for size, _ in stamps],
+            "scan_written": [written for _, written in stamps],
             **self.reading.inputs,
         }
 
@@ -71,9 +76,10 @@ class ScanFiles:
         """Raise an error if this is not a model in parts, or a file of it does not match the hash in its index."""
         from ..model.model_folder import verify_folder
 
-        if not self.is_in_parts:
+        folder = self.files[0]
+        if not self.is_in_parts or not isinstance(folder, Path):
             raise ValueError("--verify requires a model in parts")
-        verify_folder(self.files[0])
+        verify_folder(folder)
 
     @property
     def is_in_parts(self) -> bool:
@@ -85,9 +91,10 @@ class ScanFiles:
 
         viewpoint : scanner position, by which points between an object's edge and its background are found
         """
-        import pointray as pr
+        from ..io.files import read
 
-        points = pr.read(self.files, progress=progress, **self.reading.arguments)
+        # Files may also be RemoteFiles.
+        points = read(self.files, progress=progress, **self.reading.arguments)  # type: ignore[arg-type]
         if not self.reading.drop_strays:
             return points
         from ..cloud.outliers import without_strays
@@ -95,10 +102,10 @@ class ScanFiles:
         return without_strays(points, self.name, viewpoint)
 
 
-def scan_of(paths: Sequence[Path], reading: Reading, cached: bool = False) -> ScanFiles:
+def scan_of(paths: Sequence[Location], reading: Reading, cached: bool = False) -> ScanFiles:
     """Return the scan of the paths given to a command; an error if a file is missing, or files cannot be combined.
 
-    paths : files, or folders that stand for the scans in them; reading : options of reading
+    paths : files or URLs, or folders that stand for the scans in them; reading : options of reading
     cached : whether the scan's model may come from the cache on disk, and is stored there
     """
     files = files_of(paths)
@@ -111,15 +118,23 @@ def scan_of(paths: Sequence[Path], reading: Reading, cached: bool = False) -> Sc
 
 def read_scan(scan: ScanFiles, progress: StageProgress) -> tuple[Any, Any]:
     """Return the points of a scan or of a saved model, and the model, which is None for scans: it is not built here."""
-    import pointray as pr
-
     if scan.saved is None:
         return scan.read(progress), None
-    model = pr.Model.load(scan.saved)
+    model = load_saved(scan.saved, progress)
     return model.points, model
 
 
-def check_unread(files: Sequence[Path], reading: Reading) -> None:
+def load_saved(file: Location, progress: StageProgress) -> Any:
+    """Return a saved model, which is downloaded first if it is remote."""
+    import pointray as pr
+
+    from ..io.remote.remote_file import local_copy
+
+    with local_copy(file, progress) as path:
+        return pr.Model.load(path)
+
+
+def check_unread(files: Sequence[Location], reading: Reading) -> None:
     """Raise ValueError if options of reading are given, but a file is a saved model, which has its points already."""
     saved = next(filter(is_saved, files), None)
     if saved is not None and not reading.is_plain:

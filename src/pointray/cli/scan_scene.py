@@ -16,7 +16,7 @@ from ..surface.splats.radii import radii_in
 from .baked_light import FIRST, LightSource, light_source
 from .options import background_of, settings_of
 from .picture_options import IN_SETTINGS, OF_SCENE, OF_SURFACE, PictureOptions
-from .scan_files import ScanFiles
+from .scan_files import ScanFiles, load_saved
 from .scan_lights import ScanLights
 from .scan_material import ScanMaterial
 from .scan_surface import PLAIN, as_option, check_saved
@@ -219,14 +219,13 @@ class ScanScene:
 
     def _load(self, progress: Progress) -> Any:
         """Return the model: a saved one, one from the cache, or built from the points of the scan."""
-        import pointray as pr
 
         from ..model.model_cache import built
 
         files, saved = self.files, self.files.saved
         progress.show("reading", 0.0)
         if saved is not None:
-            return in_background(lambda: pr.Model.load(saved))
+            return in_background(lambda: load_saved(saved, progress.show))
         entry = files.entry(normals=self._options.normals, **self._surface)
         found = entry and in_background(entry.load)
         if found is not None:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..model.scan_inputs import is_saved
 from .picture_options import OF_SURFACE, PictureOptions
+
+if TYPE_CHECKING:
+    from ..io.remote.remote_file import Location
 
 PLAIN = PictureOptions().of(OF_SURFACE)  # the surface without options
 
@@ -16,7 +19,7 @@ def as_option(error: ValueError) -> str:
     return f"--{text}" if text.startswith("scatter: ") else text
 
 
-def check_saved(file: Path, is_plain: bool) -> None:
+def check_saved(file: Location, is_plain: bool) -> None:
     """Raise ValueError if a file is a saved model, but options change the surface or the normals, which it contains.
 
     is_plain : whether these options have their defaults

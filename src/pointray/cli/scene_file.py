@@ -15,24 +15,27 @@ from .views import SceneView
 from .waiting import Progress, in_background
 
 if TYPE_CHECKING:
+    from ..io.remote.remote_file import Location
     from .animate import FilmOutput, FilmSource
 
 FILM = ("seconds", "fps", "turns", "keys")  # options of the film, not of its contents
 
 
-def is_scene(file: Path) -> bool:
+def is_scene(file: Location) -> bool:
     """Return whether a file is a scene file, by its extension .toml."""
     return file.suffix.lower() == ".toml"
 
 
-def scene_of(files: Sequence[Path]) -> Path | None:
+def scene_of(files: Sequence[Location]) -> Path | None:
     """Return the scene file among the files given to a command; None if they are scans or models.
 
-    Raise ValueError if there are other files beside a scene file.
+    Raise ValueError if there are other files beside a scene file, or if it is given as a URL.
     """
     found = next(filter(is_scene, files), None)
     if found is not None and len(files) > 1:
         raise ValueError(f"{found}: a scene file cannot be combined with other files")
+    if found is not None and not isinstance(found, Path):
+        raise ValueError(f"{found}: a scene file must be on this computer, because it names other files: download it")
     return found
 
 

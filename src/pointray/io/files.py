@@ -13,19 +13,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base import arguments
-from ..base.atomic_write import check_regular, replacing
+from ..base.atomic_write import replacing
 from ..base.progress import Progress, StageProgress, in_stage
 from ..base.warning_log import warn
 from ..cloud.conversion import PointsLike, check_points
 from ..cloud.points import MOST, Points
 from .formats._source import Format, Request
 from .gather import gather
-from .known_formats import format_of, writer_of
+from .inputs import Paths, check_exists, check_unchanged, located, paths_of, pieces_of, stamp
+from .known_formats import writer_of
 from .opening import Opener, named
+from .remote.remote_file import Location, RemoteFile, location_of
 from .selection import Selection, checked_bounds
-from .unpacking import packing_of, unpacked
-
-Paths = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
+from .unpacking import packing_of
 
 
 def read(
@@ -49,10 +49,13 @@ def read(
     The format is detected from the contents of a file, not from its name; `formats` lists the supported ones. Files
     compressed with gzip or Zstandard (.gz, .zst) are decompressed first.
 
+    Files can be URLs: http, https, s3, gs and others that fsspec knows. They are downloaded to a temporary folder,
+    which is removed afterwards. Of COPC files with `bounds` or `resolution`, only the needed parts are fetched.
+
     Parameters
     ----------
     path : str or path, or sequence of these
-        Files of one cloud.
+        Files of one cloud, or their URLs as str.
     columns : sequence of str, or str with commas, optional
         Names of the columns of a text file or of a file of float32 rows: x, y, z, nx, ny, nz, r, g, b or attribute
         names; "-" skips a column. Default: detected.
@@ -89,9 +92,9 @@ def read(
     TypeError
         If an argument has the wrong type.
     OSError
-        If a file cannot be opened.
+        If a file cannot be opened, or a download fails.
     ImportError
-        If the format needs a package that is not installed.
+        If the format, or a URL, needs a package that is not installed.
     ValueError
         If the format of a file is unknown, its contents are damaged or contain no points, or memory is insufficient.
 
@@ -105,17 +108,17 @@ def read(
     arguments.check_callback(progress)
     request = request_of(columns, bounds, resolution, sample, opacity, intrinsics, strict)
     selection = Selection(every, max_points, request.bounds, keep, drop)  # type: ignore[arg-type]  # it checks them
-    with open_files(path, request) as files:
+    with open_files(path, request, progress) as files:
         return gather(files, selection, in_stage(progress, "reading"))
 
 
 @contextmanager
-def open_files(path: Paths, request: Request) -> Iterator[list[Opener]]:
+def open_files(path: Paths, request: Request, progress: StageProgress | None = None) -> Iterator[list[Opener]]:
     """Detect the formats of one file or several; yield an `Opener` for each (its name, and the function that opens it).
 
-    Compressed files stay unpacked while the context lasts.
+    Compressed files stay unpacked while the context lasts, and files given as URLs stay downloaded.
 
-    request : options of reading for the formats
+    request : options of reading for the formats; progress : called while files are downloaded
 
     Raises
     ------
@@ -124,25 +127,20 @@ def open_files(path: Paths, request: Request) -> Iterator[list[Opener]]:
     ValueError
         If the format of a file is unknown, or, on exit, if a file has been modified meanwhile.
     """
-    files = paths_of(path)
-    before = [stamp(file) for file in files]
     with ExitStack() as stack:
-        openers = [_opener(file, request, stack) for file in files]
+        files = paths_of(path, stack)
+        before = [stamp(file) for file in files]
+        openers = [
+            Opener(str(file), partial(format.open, there, request))
+            for file in files
+            for format, there in [located(file, request, stack, progress)]
+        ]
         try:
             yield openers
         except ValueError as error:
-            _check_unchanged(files, before, error)
+            check_unchanged(files, before, error)
             raise
-    _check_unchanged(files, before)
-
-
-def paths_of(path: Any) -> list[Path]:
-    """Return one path or a sequence of paths as a list; raise OSError for a missing file, a folder or a pipe."""
-    several = isinstance(path, Sequence) and not isinstance(path, str | bytes)
-    files = [arguments.check_path(one) for one in path] if several else [arguments.check_path(path)]
-    if not files:
-        raise ValueError("path must name at least one file")
-    return [check_regular(file) for file in files]
+        check_unchanged(files, before)
 
 
 def request_of(
@@ -188,47 +186,19 @@ def _checked_intrinsics(value: Any) -> tuple[float, ...]:
     return tuple(numbers.tolist())
 
 
-def stamp(file: Path) -> tuple[int, int]:
-    """Return the size (bytes) and the modification time (ns) of a file, which change when it is written to."""
-    facts = file.stat()
-    return facts.st_size, facts.st_mtime_ns
-
-
-def _check_unchanged(files: Sequence[Path], before: Sequence[tuple[int, int]], error: ValueError | None = None) -> None:
-    """Raise ValueError if a file has been modified while it was read.
-
-    before : size and modification time of each file before reading
-    error : error of reading, probably a consequence, which the message quotes
-    """
-    for file, known in zip(files, before, strict=True):
-        if stamp(file) != known:
-            why = f" ({error})" if error else ""
-            raise ValueError(f"{file}: was modified while it was read; read it again once writing has finished{why}")
-
-
-def _opener(file: Path, request: Request, stack: ExitStack) -> Opener:
-    """Detect the format of a file, and return its name with the function that opens it.
-
-    stack : keeps a compressed file unpacked until it is left
-    """
-    path = file
-    if packing_of(file):
-        path = stack.enter_context(unpacked(file, request.strict))
-    format = format_of(path, file)
-    return Opener(str(file), partial(format.open, path, request))
-
-
-def check_readable(path: str | os.PathLike[str], request: Request | None = None) -> None:
+def check_readable(path: str | os.PathLike[str] | RemoteFile, request: Request | None = None) -> None:
     """Raise OSError or ValueError if a file cannot be opened, or its format is unknown or its header invalid.
 
-    Compressed files are not examined, because that would unpack them. request : options of reading for the format
+    Compressed files are not examined, because that would unpack them. Nor are remote files, except those of which only
+    parts are read. request : options of reading for the format
     """
-    file = check_regular(path)
-    if packing_of(file):
+    file, asked = check_exists(location_of(path)), request or Request()
+    if packing_of(file) if isinstance(file, Path) else pieces_of(file, asked) is None:
         return
-    format = format_of(file)
-    with named(str(file)), format.open(file, request or Request()):
-        pass
+    with ExitStack() as stack:
+        format, there = located(file, asked, stack)
+        with named(str(file)), format.open(there, asked):
+            pass
 
 
 def write(path: str | os.PathLike[str], points: PointsLike, progress: StageProgress | None = None) -> None:
@@ -276,7 +246,7 @@ def write_points(path: str | os.PathLike[str], points: PointsLike, progress: Pro
         return writer(beside, points, progress)
 
 
-def headers(path: Paths, request: Request | None = None) -> Iterator[tuple[Path, Format, Any]]:
+def headers(path: Paths, request: Request | None = None) -> Iterator[tuple[Location, Format, Any]]:
     """Yield (file, format, listing) for each of one file or several, without reading their points.
 
     The `Listing` is what the header announces: the number of rows, the georeference, and facts for `pointray info`.
@@ -285,8 +255,6 @@ def headers(path: Paths, request: Request | None = None) -> Iterator[tuple[Path,
     """
     for file in paths_of(path):
         with ExitStack() as stack:
-            asked = request or Request()
-            inner = stack.enter_context(unpacked(file, asked.strict)) if packing_of(file) else file
-            format = format_of(inner, file)
-            with format.open(inner, asked) as source:
+            format, there = located(file, request or Request(), stack)
+            with format.open(there, request or Request()) as source:
                 yield file, format, source.listing

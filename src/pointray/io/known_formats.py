@@ -12,8 +12,9 @@ from pathlib import Path
 from ..base.arguments import check_path
 from ..base.atomic_write import unsupported_extension
 from ..base.extras import require
-from .formats._source import HEAD, NO, Format, Writer
+from .formats._source import HEAD, NO, Format, Request, Writer
 from .plugins import plugin_formats
+from .remote.remote_file import Location
 from .unpacking import PACKED
 
 # Advice for files of other programs, by extension.
@@ -43,17 +44,17 @@ def _formats() -> dict[str, Format]:
     return {name.rsplit(".", 1)[1]: import_module(name).FORMAT for name in names} | plugin_formats()
 
 
-def format_of(path: Path, named: Path | None = None) -> Format:
+def format_of(path: Path, named: Location | None = None) -> Format:
     """Detect the format of a file from its first bytes and its name; raise ValueError if it is unknown.
 
-    named : the file given by the user, if `path` is a decompressed copy
+    named : the file given by the user, if `path` is a copy of it, downloaded or decompressed
     """
     file = named or path
     with path.open("rb") as stream:
         head = stream.read(HEAD)
     if not head:
         raise ValueError(f"{file}: is empty")
-    inner = Path(file.stem) if file.suffix.lower() in PACKED else file
+    inner = Path(file.stem if file.suffix.lower() in PACKED else file.name)
     certain = {name: format.recognise(head, inner) for name, format in _formats().items()}
     best = max(certain, key=lambda name: certain[name])
     if certain[best] == NO:
@@ -72,6 +73,14 @@ def format_of(path: Path, named: Path | None = None) -> Format:
     if found.extra is not None:
         require(found.extra[0], found.extra[1], str(file))
     return found
+
+
+def format_in_pieces(head: bytes, request: Request) -> Format | None:
+    """Return the format of a remote file if it needs only parts of the file for a request; None otherwise.
+
+    head : first bytes of the file
+    """
+    return next((x for x in _formats().values() if x.in_pieces is not None and x.in_pieces(head, request)), None)
 
 
 def extensions() -> list[str]:

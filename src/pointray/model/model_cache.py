@@ -1,8 +1,8 @@
 """Cache of models in the user's cache folder: the next start maps the prepared model.
 
-The key of a model consists of its files (path, size, modification time), how they were read and built, and the
-package's sources. Models are written to a temporary file and renamed, so that processes never see half of one; the
-least recently used ones are removed when the cache is too large.
+The key of a model consists of its files (path, size, modification time; for remote ones the URL and the version on the
+server), how they were read and built, and the package's sources. Models are written to a temporary file and renamed, so
+that processes never see half of one; the least recently used ones are removed when the cache is too large.
 """
 
 from __future__ import annotations
@@ -29,7 +29,9 @@ from ..base.warning_log import collect_warnings, warn
 from ..cloud.normals.validation import select_normals
 from ..cloud.outliers import without_strays
 from ..io.files import read
+from ..io.inputs import stamp
 from ..io.known_formats import format_files
+from ..io.remote.remote_file import Location, RemoteFile
 from .model import Model
 from .model_file import SAVED
 
@@ -95,24 +97,26 @@ class Entry:
     def _is_unchanged(self) -> bool:
         """Return whether the model's files are as described in `about` and were last written over 2 seconds ago."""
         with suppress(OSError):
-            files = [Path(facts["path"]) for facts in self.about["files"]]
-            return _facts_of(files) == self.about["files"] and all(
-                time.time() - file.stat().st_mtime > SETTLED for file in files
-            )
+            local = [facts for facts in self.about["files"] if "address" not in facts]
+            files = [Path(facts["path"]) for facts in local]
+            return _facts_of(files) == local and all(time.time() - file.stat().st_mtime > SETTLED for file in files)
         return False
 
 
-def entry_of(files: Sequence[Path], made: Mapping[str, Any]) -> Entry:
+def entry_of(files: Sequence[Location], made: Mapping[str, Any]) -> Entry | None:
     """Return the cache entry for the model of some files.
 
-    Its name is a hash of the arguments and of the package's sources.
+    Its name is a hash of the arguments and of the package's sources. Return None if the server of a remote file does
+    not say which version of the file it has: changes would go unnoticed.
 
     Parameters
     ----------
-    files : sequence of path
+    files : sequence of Path or RemoteFile
     made : dict
         How the files are read and built, as JSON types.
     """
+    if any(isinstance(file, RemoteFile) and not file.facts.tag for file in files):
+        return None
     about = {"files": _facts_of(files), "made": dict(made)}
     text = json.dumps([about, source_key()], sort_keys=True)
     return Entry(folder() / f"{hashlib.sha256(text.encode()).hexdigest()[:32]}{SAVED}", about)
@@ -168,9 +172,17 @@ def source_key() -> str:
     return key_of([*(Path(inspect.getfile(each)) for each in MADE_BY), *format_files()], deferred=True)
 
 
-def _facts_of(files: Sequence[Path]) -> list[dict[str, Any]]:
-    facts = [(file.resolve(), file.stat()) for file in files]
-    return [{"path": str(path), "bytes": stat.st_size, "written": stat.st_mtime_ns} for path, stat in facts]
+def _facts_of(files: Sequence[Location]) -> list[dict[str, Any]]:
+    """Return path, size and time of each file; for a remote file its URL without secrets, size, version and `address`.
+
+    The address tells files apart whose URLs differ in secret parts.
+    """
+    facts = []
+    for file in files:
+        size, written = stamp(file)
+        remote = {"address": file.key} if isinstance(file, RemoteFile) else {}
+        facts.append({"path": str(file.resolve()), "bytes": size, "written": written, **remote})
+    return facts
 
 
 def _description(path: Path) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -29,6 +30,8 @@ from ..io.exchange.columns import selected
 from ..io.exchange.convert import is_path, is_paths
 from ..io.files import open_files, request_of, write
 from ..io.gather import gather
+from ..io.inputs import fetch, locations_of
+from ..io.remote.remote_file import Location, local_copy
 from ..io.selection import Selection
 from ..io.trajectory import Trajectory, eyes_along, read_trajectory
 from ..surface.splats.radii import radii_in
@@ -125,7 +128,8 @@ def prepare(
     Parameters
     ----------
     paths : path, or sequence of paths, or what `as_points` accepts
-        Scans, which are read as one cloud, folders of scans, or one saved model; or points in memory.
+        Scans, which are read as one cloud, folders of scans, or one saved model; or URLs of files, see `read`; or
+        points in memory.
     out : path
         .pointray: a saved model, or a folder with a model in parts; otherwise a format that `write` supports. Existing
         files are replaced once the new one is complete.
@@ -210,10 +214,12 @@ def prepare(
         ReadOptions(request, selection, drop_strays),
         client is not None,
     )
-    plan = plan_preparation(paths, options)
-    if plan.by_parts:
-        return prepare_by_parts(plan, client, progress)
-    return write_result(plan, prepare_in_memory(plan, progress), progress)
+    with ExitStack() as stack:
+        inputs: Any = locations_of(paths, "paths", stack) if is_path(paths) or is_paths(paths) else paths
+        plan = plan_preparation(inputs, options, progress)
+        if plan.by_parts:
+            return prepare_by_parts(plan, client, progress)
+        return write_result(plan, prepare_in_memory(plan, progress), progress)
 
 
 class Plan(NamedTuple):
@@ -221,7 +227,7 @@ class Plan(NamedTuple):
 
     Attributes
     ----------
-    files : list of Path
+    files : list of Path or RemoteFile
         Scans, or one saved model.
     options : PreparationOptions
     by_parts : bool
@@ -230,7 +236,7 @@ class Plan(NamedTuple):
         Points in memory instead of files.
     """
 
-    files: list[Path]
+    files: list[Location]
     options: PreparationOptions
     by_parts: bool
     points: Points | None = None
@@ -260,10 +266,12 @@ class Result(NamedTuple):
     steps: tuple[str, ...]
 
 
-def plan_preparation(paths: Any, options: PreparationOptions) -> Plan:
+def plan_preparation(paths: Any, options: PreparationOptions, progress: StageProgress | None = None) -> Plan:
     """Find and check the input files of `prepare`; decide whether a model is made one part at a time.
 
-    paths : files or folders, as given to `prepare`
+    For the decision, remote files are downloaded.
+
+    paths : files or folders, as given to `prepare`; progress : called while files are downloaded
     """
     if not (is_path(paths) or is_paths(paths)):
         return _plan_for_points(check_points(paths, "paths"), options)
@@ -280,6 +288,8 @@ def plan_preparation(paths: Any, options: PreparationOptions) -> Plan:
         raise ValueError(f"{saved}: {names} are part of a saved model")
     for file in files:
         check_scan(file, options.reading.request)
+    if storage.in_parts and not plan.is_saved:
+        fetch(files, options.reading.request, progress)
     return plan._replace(by_parts=storage.in_parts and _goes_by_parts(plan))
 
 
@@ -331,11 +341,14 @@ def prepare_by_parts(plan: Plan, client: Any = None, progress: StageProgress | N
 def prepare_in_memory(plan: Plan, progress: StageProgress | None = None) -> Result:
     """Read a scan or a saved model and do all steps on its points, in memory; build a model if one is to be written."""
     options, report = plan.options, progress or ignore_progress
-    path = options.normals.trajectory
-    if isinstance(path, str | os.PathLike):  # errors in it come before a large scan is read
-        options = replace(options, normals=replace(options.normals, trajectory=read_trajectory(path)))
+    flight = options.normals.trajectory
+    if isinstance(flight, str | os.PathLike):  # errors in it come before a large scan is read
+        options = replace(options, normals=replace(options.normals, trajectory=read_trajectory(flight)))
     report("reading", 0.0)
-    saved = Model.load(plan.files[0]) if plan.is_saved else None
+    saved = None
+    if plan.is_saved:
+        with local_copy(plan.files[0], report) as path:
+            saved = Model.load(path)
     read = _read(plan, report) if saved is None else saved.points
     try:
         points, steps = _prepared(read, options, report, saved is None)
@@ -375,7 +388,7 @@ def _read(plan: Plan, report: StageProgress) -> Points:
     if plan.points is not None:
         points = selected(plan.points, reading.selection, in_stage(report, "reading"))
     else:
-        with open_files(plan.files, reading.request) as files:
+        with open_files(plan.files, reading.request, report) as files:
             points = gather(files, reading.selection, in_stage(report, "reading"))
     return without_strays(points, plan.name, viewpoint) if reading.drop_strays else points
 

@@ -5,52 +5,51 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..base.warning_log import warn
 
 if TYPE_CHECKING:
-    from ..io.files import Paths
     from ..io.formats._source import Request
+    from ..io.inputs import Paths
+    from ..io.remote.remote_file import Location
 
 # Other modules are imported when they are needed: the command line's help must appear at once.
 
 FEW = 3  # files that a note names
 
 
-def is_saved(file: Path) -> bool:
+def is_saved(file: Location) -> bool:
     """Return whether a path has the extension of saved models (.pointray): files, or folders of models in parts."""
     from .model_file import SAVED
 
     return file.suffix.lower() == SAVED
 
 
-def is_in_parts(file: Path) -> bool:
+def is_in_parts(file: Location) -> bool:
     """Return whether a path is an existing folder with the extension of saved models (.pointray): a model in parts."""
     return is_saved(file) and file.is_dir()
 
 
-def files_of(paths: Paths) -> list[Path]:
-    """Return the files of some paths, for a folder the scans in it; folders of models in parts stay one path.
+def files_of(paths: Paths) -> list[Location]:
+    """Return the files of some paths or URLs, for a folder the scans in it; folders of models in parts stay one path.
 
     Raises
     ------
     OSError, ValueError
         If a file is missing, is no regular file or is given twice, or if there is no file at all.
     """
-    from ..base.arguments import check_path
-    from ..base.atomic_write import check_regular
+    from ..io.inputs import check_exists, locations_of
 
-    several: Sequence[Any] = paths if isinstance(paths, Sequence) and not isinstance(paths, str | bytes) else [paths]
-    files: list[Path] = []
-    for path in [check_path(one, "paths") for one in several]:
-        if path.is_dir():
+    files: list[Location] = []
+    for path in locations_of(paths, "paths"):
+        if isinstance(path, Path) and path.is_dir():
             files += [path] if is_saved(path) else _scans_in(path)
         else:
-            files.append(check_regular(path))
+            files.append(check_exists(path))
     if not files:
         raise ValueError("paths must name at least one file")
-    seen: dict[Path, Path] = {}
+    seen: dict[Location, Location] = {}
     for file in files:
         other = seen.setdefault(file.resolve(), file)
         if other is not file:
@@ -58,19 +57,19 @@ def files_of(paths: Paths) -> list[Path]:
     return files
 
 
-def check_scan(file: Path, request: Request | None = None) -> None:
+def check_scan(file: Location, request: Request | None = None) -> None:
     """Raise an error if a scan or a saved model cannot be opened, or a scan's header is wrong.
 
     request : options of reading, such as the columns of a text file; they apply to scans only
     """
-    from ..base.atomic_write import check_regular
     from ..io.files import check_readable
+    from ..io.inputs import check_exists
     from .model_folder import check_folder
 
-    if is_in_parts(file):
+    if isinstance(file, Path) and is_in_parts(file):
         check_folder(file)
     elif is_saved(file):
-        check_regular(file)
+        check_exists(file)
     else:
         check_readable(file, request)
 
@@ -116,12 +115,12 @@ def check_result(output: Path, *others: str) -> None:
     check_writable(output)
 
 
-def check_not_input(files: Sequence[Path], output: Path, force: bool, option: str = "--force") -> None:
+def check_not_input(files: Sequence[Location], output: Path, force: bool, option: str = "--force") -> None:
     """Raise a ValueError if the result `output` would overwrite one of the input files and `force` is not set.
 
     option : name of the option that allows it, for the message
     """
     if force or not output.exists():
         return
-    if any(file.exists() and os.path.samefile(file, output) for file in files):
+    if any(isinstance(file, Path) and file.exists() and os.path.samefile(file, output) for file in files):
         raise ValueError(f"{output}: is an input; use {option} to overwrite it")

@@ -12,6 +12,7 @@ from ..auto_view.studio import with_direct_light
 from ..base.arguments import Vector
 from ..base.choices import MUTED
 from ..io.exchange.convert import as_points, is_path
+from ..io.remote.remote_file import Location
 from ..model.model import Model
 from ..model.model_cache import entry_of
 from ..model.scan_inputs import check_scan, files_of, is_in_parts, is_saved
@@ -57,7 +58,7 @@ def _of_scene_file(file: Path) -> tuple[SharedScene, Loader]:
     return SharedScene(file.name, None, tuple(up), plan.settings, str(file)), SceneFileLoader(plan)
 
 
-def _title(files: list[Path], clouds: list[Any]) -> str:
+def _title(files: list[Location], clouds: list[Any]) -> str:
     if len(files) == 1 and not clouds:
         return files[0].name
     points = sum(len(cloud.points if isinstance(cloud, Model) else cloud) for cloud in clouds)

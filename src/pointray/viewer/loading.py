@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,9 @@ from ..base.warning_log import collect_warnings
 from ..cloud.normals.validation import check_normals_choice, refit_normals, validate_normals
 from ..cloud.outliers import without_strays
 from ..cloud.points import Points, spread_rows
-from ..io.files import read
+from ..io.files import read, request_of
+from ..io.previews import preview_resolution
+from ..io.remote.remote_file import Location, RemoteFile, local_copy
 from ..model.model import SURFACE, Model
 from ..model.model_cache import Entry, built
 from ..model.model_file import SAVED
@@ -34,18 +35,19 @@ from .thread_priority import LEVELS, run_niced
 COARSE = 60_000  # points of the coarse version, built in about 0.3 s
 LARGE_FROM = 4 * COARSE  # points above which a coarse version is built
 
-Group = list[Path] | Points | Model  # what one model is made of
+Group = list[Location] | Points | Model  # what one model is made of
 
 
 @dataclass(frozen=True)
 class FileLoader:
     """Loads files for the viewer: scans, which form one cloud, and saved models, all in one scene.
 
-    Called with a `SharedScene`, which it updates: first with a coarse version of large scans, then with all points.
+    Called with a `SharedScene`, which it updates: first with a coarse version of large scans, then with all points. Of
+    remote COPC files, the points of the coarse version are fetched first.
 
     Parameters
     ----------
-    paths : sequence of Path
+    paths : sequence of Path or RemoteFile
     surface : dict
         surface, samples, radius_scale and smooth, as `Model` takes them.
     choice : ViewChoice
@@ -70,7 +72,7 @@ class FileLoader:
         Shown beside the files.
     """
 
-    paths: Sequence[Path]
+    paths: Sequence[Location]
     surface: dict[str, Any]
     set_up_scene: Callable[[Scene], tuple[float, float, float]]
     leveled: bool = True
@@ -91,11 +93,12 @@ class FileLoader:
 
     def __call__(self, shared: SharedScene) -> None:
         notes: list[str] = []
+        is_shown = self._preview(shared)
         clouds = [self._read(group, shared) for group in self._groups]
         found = bool(self.entry) and isinstance(clouds[0], Model)
         samples = [self._sample(cloud, k) for k, cloud in enumerate(clouds)]
         self._prepare(clouds, samples, shared)
-        if self.light is None and any(_is_large(cloud) for cloud in clouds):
+        if not is_shown and self.light is None and any(_is_large(cloud) for cloud in clouds):
             shared.report("building a coarse version", None)
             # Small scans are built here and not again below.
             clouds = [c if _is_large(c) else self._build_model(c, k, shared, notes) for k, c in enumerate(clouds)]
@@ -148,18 +151,53 @@ class FileLoader:
             sketch = Sketch(samples, [len(_points(cloud)) for cloud in clouds])
             shared.show_sketch(sketch, Scan(sketch.points, self.choice).up)
 
+    def _preview(self, shared: SharedScene) -> bool:
+        """Show a coarse version of remote COPC files before they are downloaded; return whether that was done.
+
+        Only the coarse levels of their octrees are fetched. It is not done if their model is in the cache, and for
+        files beside other models.
+        """
+        groups = self._groups
+        if self.light is not None or len(groups) > 1 or (self.entry is not None and self.entry.path.exists()):
+            return False
+        files = groups[0]
+        if not isinstance(files, list) or not all(isinstance(file, RemoteFile) for file in files):
+            return False
+        shared.report("reading a coarse version", None)
+        chosen = {name: self.reading[name] for name in ("bounds", "resolution", "strict") if name in self.reading}
+        resolution = preview_resolution(files, request_of(**chosen), 2 * COARSE)
+        if resolution is None:
+            return False
+        try:
+            with collect_warnings():  # they follow when all points are read
+                points = read(files, **{**self.reading, "resolution": resolution})  # type: ignore[arg-type]
+        except ValueError:  # no selected points, for example
+            return False
+        sample = self._sample(points, 0)
+        self._prepare([points], [sample], shared)
+        self._show([self._coarse(sample, 0)], shared, coarse=True)
+        return True
+
     def _read(self, files: Group, shared: SharedScene) -> Points | Model:
         if not isinstance(files, list):
             return files
         stage = f"reading {files[0].name if len(files) == 1 else f'{len(files):,} files'}"
         shared.report(stage, None)
         if files[0].suffix.lower() == SAVED:
-            return Model.load(files[0], memory=self.memory)
+            with local_copy(files[0], shared.report) as path:
+                return Model.load(path, memory=self.memory)
         known = None if self.entry is None else self.entry.load()
         if known is not None:
             known.levels = known.levels if self.leveled else ()
             return known
-        points = read(files, progress=lambda _, share: shared.report(stage, share), **self.reading)
+
+        def report(name: str, share: float) -> None:
+            shared.report(name if name.startswith("downloading") else stage, share)
+
+        points = read(files, progress=report, **self.reading)  # type: ignore[arg-type]  # RemoteFiles too
+        for file in files:
+            if isinstance(file, RemoteFile):
+                file.release()
         if self.drop_strays:
             points = without_strays(points, files[0].name, progress=shared.report)
         with _with_file_name(files):

@@ -10,7 +10,7 @@ import typer
 from ...model.scan_inputs import check_not_input
 from ..cluster import working_on
 from ..declare import INPUT, LIGHT, OUTPUT, QUALITY, single, with_options
-from ..options import POINTS, SUBJECT, given, use_threads
+from ..options import POINTS, SUBJECT, given, location, use_threads
 from ..picture_options import OF_WORKERS, PictureOptions, names_of
 from ..read_options import Reading
 from ..scan_files import scan_of
@@ -40,7 +40,7 @@ JsonOption = Annotated[bool, single(OUTPUT, None, "Print JSON.", "--json")]
 @with_options("pointray bake scan.ply -o scan.bake", "pointray bake scan.ply -o lit.ply --colors --light sun:1,1,-2")
 def bake(
     context: typer.Context,
-    files: Annotated[list[Path], typer.Argument(help=SUBJECT)],
+    files: Annotated[list[Path], typer.Argument(help=SUBJECT, parser=location)],
     reading: Reading,
     options: PictureOptions,
     output: Annotated[Path, single(OUTPUT, "FILE", LIT, "--output", "-o")],
@@ -86,7 +86,7 @@ def bake(
 )
 def prepare(
     context: typer.Context,
-    files: Annotated[list[Path], typer.Argument(help=POINTS)],
+    files: Annotated[list[Path], typer.Argument(help=POINTS, parser=location)],
     reading: Reading,
     options: PictureOptions,
     output: Annotated[str, single(OUTPUT, "PATH", PREPARED, "--output", "-o")],
@@ -128,7 +128,7 @@ def prepare(
 @with_options("pointray info scan.las", "pointray info scan.ply --deep --json")
 def info(
     reading: Reading,
-    files: Annotated[list[Path] | None, typer.Argument(help=POINTS)] = None,
+    files: Annotated[list[Path] | None, typer.Argument(help=POINTS, parser=location)] = None,
     deep: Annotated[
         bool, single(QUALITY, None, "Search the neighbours of all points: 1 minute and 7 GB for 10 million.", "--deep")
     ] = False,
@@ -167,7 +167,7 @@ def info(
 
 @with_options("pointray convert scan.e57 scan.laz", "pointray convert a.ply b.ply both.las --every 2")
 def convert(
-    files: Annotated[list[Path], typer.Argument(metavar="IN", help=POINTS)],
+    files: Annotated[list[Path], typer.Argument(metavar="IN", help=POINTS, parser=location)],
     output: Annotated[Path, typer.Argument(metavar="OUT", help="Result, in the format of its extension.")],
     reading: Reading,
     force: ForceOption = False,

@@ -10,7 +10,7 @@ import typer
 from ...base.choices import AUTO, MUTED
 from ..cluster import working_on
 from ..declare import FILM, INPUT, OUTPUT, PAGE, single, with_options
-from ..options import SCANS, SUBJECT, bytes_of, exposure_of, given, use_threads
+from ..options import SCANS, SUBJECT, bytes_of, exposure_of, given, location, use_threads
 from ..picture_options import OF_SURFACE, OF_WORKERS, PictureOptions
 from ..read_options import Reading
 from ..scan_files import scan_of
@@ -29,7 +29,7 @@ MEMORY = "Memory for open parts of models in parts, such as 1GiB. Default: half 
 )
 def render(
     context: typer.Context,
-    files: Annotated[list[Path], typer.Argument(help=SUBJECT)],
+    files: Annotated[list[Path], typer.Argument(help=SUBJECT, parser=location)],
     reading: Reading,
     options: PictureOptions,
     output: Annotated[Path, single(OUTPUT, "FILE", IMAGE, "--output", "-o")],
@@ -72,7 +72,7 @@ def render(
 )
 def animate(
     context: typer.Context,
-    files: Annotated[list[Path], typer.Argument(help=SUBJECT)],
+    files: Annotated[list[Path], typer.Argument(help=SUBJECT, parser=location)],
     reading: Reading,
     options: PictureOptions,
     output: Annotated[Path, single(OUTPUT, "PATH", FILM_OUTPUT, "--output", "-o")],
@@ -108,7 +108,7 @@ def animate(
 @with_options("pointray view scan.laz", "pointray view a.ply b.ply --drop-strays")
 def view(
     context: typer.Context,
-    files: Annotated[list[Path], typer.Argument(help=BESIDE)],
+    files: Annotated[list[Path], typer.Argument(help=BESIDE, parser=location)],
     reading: Reading,
     options: PictureOptions,
     host: Annotated[

@@ -11,6 +11,7 @@ import numpy as np
 from ...base.arguments import wrong_type
 from ...cloud.points import Points
 from ..files import read
+from ..remote.remote_file import RemoteFile
 from . import meshes, open3d_clouds, pyvista_data, tables
 from .arrays import points_of_array, to_structured
 from .columns import points_of_columns
@@ -81,8 +82,8 @@ def as_points(x: Any, name: str = "points", wanted: str = SUPPORTED) -> Points:
 
 
 def is_path(x: Any) -> bool:
-    """Return whether an object is a path: a str, or a `pathlib.Path` or the like."""
-    return isinstance(x, str | os.PathLike)
+    """Return whether an object is a path: a str, also a URL, a `pathlib.Path` or the like, or a `RemoteFile`."""
+    return isinstance(x, str | os.PathLike | RemoteFile)
 
 
 def is_paths(x: Any) -> bool:

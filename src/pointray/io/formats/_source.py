@@ -211,6 +211,9 @@ class Format:
     write : callable or None
         (output stream with the attribute `path`, points, progress or None) -> descriptions of what the format cannot
         store. Raises ValueError if the points cannot be written at all.
+    in_pieces : callable or None
+        (first `HEAD` bytes of a file, `Request`) -> whether only parts of the file are needed. `open` then takes a
+        `RangedFile` in place of the path of a remote file.
     """
 
     name: str
@@ -220,3 +223,4 @@ class Format:
     keeps: Mapping[str, str]
     extra: tuple[str, str] | None = None
     write: Writer | None = None
+    in_pieces: Callable[[bytes, Request], bool] | None = None

@@ -18,8 +18,10 @@ from ...base.memory import FULL_DISK, available_memory
 from ...base.progress import Progress, part_of
 from ...base.version import __version__
 from ...cloud.preparation import PEAK
-from ...io.files import headers, open_files, stamp
+from ...io.files import headers, open_files
 from ...io.formats._source import Request
+from ...io.inputs import identity_of, stamp
+from ...io.remote.remote_file import Location
 from ...io.selection import Selection
 from ...io.spooling.spool import spool
 from ...io.spooling.spooled import spooled_in
@@ -78,7 +80,7 @@ def unfinished_part_points(path: Path) -> int | None:
     return size if isinstance(size, int) and size > 0 else None
 
 
-def fits(files: Sequence[Path], request: Request, memory: int | None) -> bool:
+def fits(files: Sequence[Location], request: Request, memory: int | None) -> bool:
     """Return whether a model of all points of the files can be made in the available memory, or in `memory` bytes.
 
     request : options of the formats, such as the columns of a text file
@@ -89,7 +91,7 @@ def fits(files: Sequence[Path], request: Request, memory: int | None) -> bool:
 
 
 def prepare(
-    files: Sequence[Path],
+    files: Sequence[Location],
     reading: tuple[Request, Selection],
     path: Path,
     settings: tuple[TreeSettings, str | float] | tuple[TreeSettings, str | float, Drawing | None],
@@ -186,14 +188,14 @@ def check_unfinished(path: Path) -> Path:
 
 
 def _task_of(
-    files: Sequence[Path], reading: tuple[Request, Selection], settings: tuple[Any, ...], size: int
+    files: Sequence[Location], reading: tuple[Request, Selection], settings: tuple[Any, ...], size: int
 ) -> Mapping[str, Any]:
     """Return the facts that must be the same to resume an interrupted preparation: files, options, part size, version.
 
     reading : which points are read, and how; settings : of the model; size : points of a part
     """
     return {
-        "files": [[str(file.resolve()), *stamp(file)] for file in files],
+        "files": [[identity_of(file), *stamp(file)] for file in files],
         "reading": [repr(one) for one in reading],
         "settings": [repr(one) for one in settings],
         "size": size,

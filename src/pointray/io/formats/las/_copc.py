@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....base.arrays import Doubles, Flags
+from ...remote.range_reader import announce
 from .._source import Faults, Request
 from ._header import Header
 from ._laz import Part, check_total
@@ -51,6 +52,11 @@ def copc_of(header: Header) -> Copc | None:
     return Copc(np.array([x, y, z]) - half, 2 * half, spacing, start, size)
 
 
+def is_copc(head: bytes) -> bool:
+    """Return whether a file is COPC, whose first record is that of the octree. head : first bytes of the file"""
+    return head.startswith(b"LASF") and head[377:393].rstrip(b"\0") == b"copc" and head[393:395] == b"\1\0"
+
+
 def nodes_of(file: BinaryIO, header: Header, copc: Copc, request: Request, size: int, faults: Faults) -> list[Part]:
     """Return the octree nodes with points that a request needs, as chunks of compressed rows in the file's order.
 
@@ -63,6 +69,7 @@ def nodes_of(file: BinaryIO, header: Header, copc: Copc, request: Request, size:
     pages, seen, left = [(copc.start, copc.size)], set(), size
     found: list[NDArray[Any]] = []
     while pages:
+        announce(file, [(first, first + bytes) for first, bytes in pages], keep=True)
         start, length = pages.pop()
         left -= length  # overlapping pages could loop forever
         if start in seen or left < 0 or not 0 < length <= size - start or length % ENTRY.itemsize:

@@ -16,6 +16,7 @@ from .._source import Faults
 SIZES = {0: 227, 1: 227, 2: 227, 3: 235, 4: 375, 5: 393}  # bytes of a header by minor version
 LARGEST = 1 << 24  # maximum bytes of a record whose data are read
 WANTED = {"LASF_Projection", "LASF_Spec", "laszip encoded", "copc"}
+UNWANTED = {("copc", 1000)}  # the list of octree nodes, which is read in pages
 
 
 class Record(NamedTuple):
@@ -172,7 +173,7 @@ def _walk(file: BinaryIO, where: tuple[int, int], number: int, head: int, faults
             faults.add(f"contains {k:,} of {number:,} {kind}variable length records announced, before byte {end:,}")
             return
         user, id = _text(raw[2:18]), struct.unpack_from("<H", raw, 18)[0]
-        wanted = user in WANTED and size <= LARGEST
+        wanted = user in WANTED and size <= LARGEST and (user, id) not in UNWANTED
         yield Record(user, id, start + head, size, file.read(size) if wanted else b"")
         start += head + size
 

@@ -19,9 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....cloud.georeference import Georeference
+from ...remote.range_reader import announce
 from .._counts import missing, rows_after
 from .._source import CHUNK, NO, SURE, Chunk, Faults, Format, Listing, Request, Source
-from ._copc import Copc, copc_of, nodes_of
+from ._copc import Copc, copc_of, is_copc, nodes_of
 from ._crs import crs_of
 from ._header import Header, read_header
 from ._laz import Part, check_total, packing_of, parts_of, unpacked_parts
@@ -34,6 +35,12 @@ logging.getLogger("laspy").addHandler(logging.NullHandler())  # it logs what it 
 def recognise(head: bytes, path: Path) -> int:
     """Detect LAS and LAZ files: return `SURE` or `NO`. head : first bytes of the file"""
     return SURE if head.startswith(b"LASF") else NO
+
+
+def in_pieces(head: bytes, request: Request) -> bool:
+    """Return whether a file is COPC and a request needs only some of its octree. head : first bytes of the file"""
+    chosen = request.bounds is not None or request.resolution is not None
+    return chosen and is_copc(head)
 
 
 class LasSource(Source):
@@ -95,6 +102,7 @@ class LasSource(Source):
 
     def _unpacked(self) -> Iterator[tuple[NDArray[np.uint8], float]]:
         there = 0
+        announce(self._file, [(part.start, part.start + part.size) for part in self._parts])
         for rows, done in unpacked_parts(self._file, self._header, self._packing, self._parts):
             there += len(rows) // self._header.row
             yield rows, done / len(self._parts)
@@ -165,4 +173,5 @@ FORMAT = Format(
         "note": "includes LAZ and COPC; versions 1.0 to 1.5, point formats 0 to 10; written as 1.4; no waveforms",
     },
     write=write,
+    in_pieces=in_pieces,
 )

@@ -1,0 +1,72 @@
+"""URLs: their detection, and their names for messages, without passwords and signatures."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote, urlsplit
+from urllib.request import url2pathname
+
+SCHEME = re.compile(r"([a-zA-Z][a-zA-Z0-9+.-]+)://")  # at least two letters: C:// is a drive
+COLLAPSED = re.compile(r"(https?|s3|gs|gcs):[/\\](?![/\\])")  # a URL that was turned into a path
+WEB = re.compile(r"https?://", re.I)
+LOCAL = ("file", "local")
+LONGEST = 120  # characters of a file name
+
+
+def is_url(value: Any) -> bool:
+    """Return whether a value is a string with the URL of a remote file; file:// is local."""
+    found = SCHEME.match(value) if isinstance(value, str) else None
+    return found is not None and found[1].lower() not in LOCAL
+
+
+def local_path_of(value: str | os.PathLike[str]) -> Path:
+    """Return a string or path object as a Path, also if it is a file:// URL; raise ValueError if it is a broken URL."""
+    if isinstance(value, str) and (found := SCHEME.match(value)) and found[1].lower() in LOCAL:
+        return Path(url2pathname(urlsplit(value).path))
+    path = Path(value)
+    if COLLAPSED.match(str(path)) and not path.exists():
+        raise ValueError(f"{shown_url(str(path))}: a URL must be given as a str, not as a path object")
+    return path
+
+
+def shown_url(url: str) -> str:
+    """Return a URL for messages: without user name, password, query and fragment, which may contain secrets."""
+    head, mark, rest = url.partition("://")
+    if not mark:
+        head, rest = "", url
+    bare, query, _ = rest.partition("?")
+    bare = bare.partition("#")[0]
+    host, slash, path = bare.partition("/")
+    return f"{head}{mark}{host.rpartition('@')[2]}{slash}{path}{'?...' if query else ''}"
+
+
+def check_url(url: str) -> str:
+    """Return a URL; raise ValueError if it has no host or path, or is a chain of several file systems."""
+    shown = shown_url(url)
+    if "::" in url.partition("?")[0] and not WEB.match(url):  # in http://[::1]/ it is part of the host
+        raise ValueError(f"{shown}: chained URLs are unsupported; download the file first")
+    if any(ord(letter) < 33 or ord(letter) == 127 for letter in url):
+        raise ValueError(f"{shown}: invalid URL: it contains spaces or control characters; write %20 for a space")
+    try:
+        parts = urlsplit(url)
+        host, _ = parts.hostname, parts.port
+    except ValueError:
+        raise ValueError(f"{shown}: invalid URL") from None
+    if parts.scheme in ("http", "https") and not host:
+        raise ValueError(f"{shown}: invalid URL: the host is missing")
+    return url
+
+
+def file_name_of(url: str) -> str:
+    """Return the file name at the end of a URL, fit for any file system; "download" if there is none."""
+    path = url.partition("://")[2].partition("?")[0].partition("#")[0]
+    return clean_name(unquote(path.rpartition("/")[2]) if "/" in path else "")
+
+
+def clean_name(name: str) -> str:
+    """Return a file name without characters that a file system may refuse, and not too long; keep its extension."""
+    name = re.sub(r'[\x00-\x1f\x7f/\\:*?"<>|]', "_", name).lstrip(". ")
+    return name[-LONGEST:] or "download"
