@@ -23,10 +23,10 @@ class FileServer:
     files : dict of str to bytes
     faults : dict of str to str
         How a path misbehaves: a status like "404", "plain" (no ranges), "html", "loop", "cut" (the connection is closed
-        halfway), "cut later" (only from the second request on), "stall" (nothing is sent any more halfway), "silent"
-        (no answer), "longer" or "shorter" (wrong Content-Length), "untagged" (no ETag), "changing" (another ETag each
-        time), "gzip" (compressed on the way), "to PATH" (a redirect), "lose one" (one connection is
-        lost), "together" (no answer before a second request).
+        halfway), "cut later" (only from the second request on), "stall" (nothing is sent any more halfway), "stall
+        whole" (the same, but only without a range), "silent" (no answer), "longer" or "shorter" (wrong Content-Length),
+        "untagged" (no ETag), "changing" (another ETag each time), "gzip" (compressed on the way), "to PATH" (a
+        redirect), "lose one" (one connection is lost), "together" (no answer before a second request).
     sent : list of (str, int)
         Path and number of bytes of the body of each answer.
     """
@@ -110,11 +110,12 @@ class _Handler(BaseHTTPRequestHandler):
             headers["Content-Encoding"], data = "gzip", gzip.compress(data)
         broken = fault == "cut" or (fault == "cut later" and earlier) or (fault == "lose one" and earlier == 2)
         length = len(data) + {"longer": 1000, "shorter": -1000}.get(fault, 0)
-        self._send(status, data[: len(data) // 2] if broken or fault == "stall" else data, headers, length)
-        if fault == "stall":
+        stalls = fault == "stall" or (fault == "stall whole" and status == 200)
+        self._send(status, data[: len(data) // 2] if broken or stalls else data, headers, length)
+        if stalls:
             self.wfile.flush()
             files.released.wait(60)
-        if broken or fault in ("stall", "longer", "shorter"):
+        if broken or stalls or fault in ("longer", "shorter"):
             self.close_connection = True
             self.connection.shutdown(socket.SHUT_RDWR)
 

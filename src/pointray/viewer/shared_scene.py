@@ -286,7 +286,8 @@ class SharedScene:
         try:
             work()
         except (OSError, ValueError) as error:
-            self._fail(str(error))
+            named = isinstance(error, OSError) and error.filename and error.strerror
+            self._fail(f"{error.filename}: {error.strerror}" if named else str(error))
         except Exception as error:
             log.exception("error while building")
             self._fail(f"{type(error).__name__}: {error}")
