@@ -18,7 +18,7 @@ FILL = 0.3  # see `auto_view.studio.fill`
 
 SCANS = (
     "Scan: .ply, .las, .laz, .e57, .pcd, .xyz and more (docs/formats.md). Several files are read as one point cloud; "
-    "a folder stands for the scans in it. URLs work too: https://, s3://, gs:// (docs/formats.md)."
+    "a folder stands for the scans in it. URLs work too: https://, s3://, gs:// (docs/remote.md)."
 )
 SUBJECT = f"{SCANS} Or a single saved model (.pointray) or scene file (.toml)."
 POINTS = f"{SCANS} Or a single saved model (.pointray), for its points."

@@ -285,9 +285,10 @@ class SharedScene:
             self.notify()
         try:
             work()
-        except (OSError, ValueError) as error:
-            named = isinstance(error, OSError) and error.filename and error.strerror
-            self._fail(f"{error.filename}: {error.strerror}" if named else str(error))
+        except OSError as error:
+            self._fail(f"{error.filename}: {error.strerror}" if error.filename and error.strerror else str(error))
+        except ValueError as error:
+            self._fail(str(error))
         except Exception as error:
             log.exception("error while building")
             self._fail(f"{type(error).__name__}: {error}")
