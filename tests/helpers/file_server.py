@@ -24,9 +24,10 @@ class FileServer:
     faults : dict of str to str
         How a path misbehaves: a status like "404", "plain" (no ranges), "html", "loop", "cut" (the connection is closed
         halfway), "cut later" (only from the second request on), "stall" (nothing is sent any more halfway), "stall
-        whole" (the same, but only without a range), "silent" (no answer), "longer" or "shorter" (wrong Content-Length),
-        "untagged" (no ETag), "changing" (another ETag each time), "gzip" (compressed on the way), "to PATH" (a
-        redirect), "lose one" (one connection is lost), "together" (no answer before a second request).
+        whole" (the same, but only without a range), "silent" (no answer), "longer" (wrong Content-Length), "shorter"
+        (without a range, the file lacks its end), "untagged" (no ETag), "changing" (another ETag each time), "gzip"
+        (compressed on the way), "to PATH" (a redirect), "lose one" (one connection is lost), "together" (no answer
+        before a second request).
     sent : list of (str, int)
         Path and number of bytes of the body of each answer.
     """
@@ -96,26 +97,26 @@ class _Handler(BaseHTTPRequestHandler):
             return self._send(200, PAGE, {"Content-Type": "text/html"})
         headers = {} if fault == "untagged" else {"ETag": f'"{earlier if fault == "changing" else len(data)}"'}
         span = re.fullmatch(r"bytes=(\d+)-(\d+)", self.headers.get("Range", ""))
-        if span and fault not in ("plain", "gzip", "longer", "shorter"):
+        if span and fault not in ("plain", "gzip", "longer"):
             start, stop = int(span[1]), min(int(span[2]) + 1, len(data))
             if start >= len(data):
                 return self._send(416, b"", {})
             headers["Content-Range"] = f"bytes {start}-{stop - 1}/{len(data)}"
             status, data = 206, data[start:stop]
         else:
-            status = 200
+            status, data = 200, data[:-1000] if fault == "shorter" else data
         if fault == "gzip":
             import gzip
 
             headers["Content-Encoding"], data = "gzip", gzip.compress(data)
         broken = fault == "cut" or (fault == "cut later" and earlier) or (fault == "lose one" and earlier == 2)
-        length = len(data) + {"longer": 1000, "shorter": -1000}.get(fault, 0)
+        length = len(data) + (1000 if fault == "longer" else 0)
         stalls = fault == "stall" or (fault == "stall whole" and status == 200)
         self._send(status, data[: len(data) // 2] if broken or stalls else data, headers, length)
         if stalls:
             self.wfile.flush()
             files.released.wait(60)
-        if broken or stalls or fault in ("longer", "shorter"):
+        if broken or stalls or fault == "longer":
             self.close_connection = True
             self.connection.shutdown(socket.SHUT_RDWR)
 
