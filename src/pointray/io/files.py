@@ -20,7 +20,7 @@ from ..cloud.conversion import PointsLike, check_points
 from ..cloud.points import MOST, Points
 from .formats._source import Format, Request
 from .gather import gather
-from .inputs import Paths, check_exists, check_unchanged, located, paths_of, pieces_of, stamp
+from .inputs import Paths, check_exists, check_format, check_unchanged, located, paths_of, pieces_of, stamp
 from .known_formats import writer_of
 from .opening import Opener, named
 from .remote.remote_file import Location, RemoteFile, location_of
@@ -189,12 +189,14 @@ def _checked_intrinsics(value: Any) -> tuple[float, ...]:
 def check_readable(path: str | os.PathLike[str] | RemoteFile, request: Request | None = None) -> None:
     """Raise OSError or ValueError if a file cannot be opened, or its format is unknown or its header invalid.
 
-    Compressed files are not examined, because that would unpack them. Nor are remote files, except those of which only
-    parts are read. request : options of reading for the format
+    Compressed files are not examined, because that would unpack them. Of remote files only the format is checked,
+    except of those that are read in pieces. request : options of reading for the format
     """
     file, asked = check_exists(location_of(path)), request or Request()
-    if packing_of(file) if isinstance(file, Path) else pieces_of(file, asked) is None:
-        return
+    if isinstance(file, RemoteFile) and pieces_of(file, asked) is None:
+        return check_format(file)
+    if isinstance(file, Path) and packing_of(file):
+        return None
     with ExitStack() as stack:
         format, there = located(file, asked, stack)
         with named(str(file)), format.open(there, asked):

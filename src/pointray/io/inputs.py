@@ -11,10 +11,10 @@ from ..base.atomic_write import check_regular
 from ..base.progress import StageProgress
 from ..base.warning_log import warn
 from .formats._source import Format, Request
-from .known_formats import format_in_pieces, format_of
+from .known_formats import format_by, format_in_pieces, format_of
 from .remote.range_reader import RangedFile
 from .remote.remote_file import Location, RemoteFile, local_copy, location_of
-from .unpacking import packing_of, unpacked
+from .unpacking import packing_by, packing_of, unpacked
 
 OnePath = str | os.PathLike[str] | RemoteFile
 Paths = OnePath | Sequence[OnePath]
@@ -104,6 +104,15 @@ def fetch(files: Sequence[Location], request: Request, progress: StageProgress |
             file.copy(progress)
 
 
+def check_format(file: RemoteFile) -> None:
+    """Raise ValueError if the format of a remote file is unknown, ImportError if it needs a missing package.
+
+    Only its first bytes are fetched. Compressed files are not examined.
+    """
+    if packing_by(file.facts.head) is None:
+        format_by(file.facts.head, file)
+
+
 def located(
     file: Location, request: Request, stack: ExitStack, progress: StageProgress | None = None
 ) -> tuple[Format, Any]:
@@ -117,6 +126,7 @@ def located(
         pieces = pieces_of(file, request)
         if pieces is not None:
             return pieces
+        check_format(file)
         if format_in_pieces(file.facts.head, request) is not None:
             warn(f"{file}: the server cannot send parts of files; the whole file is downloaded", stacklevel=2)
     path = stack.enter_context(local_copy(file, progress))

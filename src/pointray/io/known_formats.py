@@ -49,12 +49,19 @@ def format_of(path: Path, named: Location | None = None) -> Format:
 
     named : the file given by the user, if `path` is a copy of it, downloaded or decompressed
     """
-    file = named or path
     with path.open("rb") as stream:
-        head = stream.read(HEAD)
+        return format_by(stream.read(HEAD), named or path)
+
+
+def format_by(head: bytes, file: Location) -> Format:
+    """Return the format of a file with these first bytes and this name; raise ValueError if it is unknown.
+
+    head : the first `HEAD` bytes, decompressed
+    """
     if not head:
         raise ValueError(f"{file}: is empty")
-    inner = Path(file.stem if file.suffix.lower() in PACKED else file.name)
+    inner = file if isinstance(file, Path) else Path(file.name)
+    inner = Path(inner.stem) if inner.suffix.lower() in PACKED else inner
     certain = {name: format.recognise(head, inner) for name, format in _formats().items()}
     best = max(certain, key=lambda name: certain[name])
     if certain[best] == NO:

@@ -23,7 +23,11 @@ SPARE = 1 << 28  # bytes of the disk to leave free
 def packing_of(file: Path) -> str | None:
     """Return the compression of a file, ".gz" or ".zst", by its first bytes; None if it is not compressed."""
     with file.open("rb") as stream:
-        head = stream.read(4)
+        return packing_by(stream.read(4))
+
+
+def packing_by(head: bytes) -> str | None:
+    """Return the compression of a file, ".gz" or ".zst"; None if it is not compressed. head : its first bytes"""
     return next((name for name, magic in PACKED.items() if head.startswith(magic)), None)
 
 

@@ -53,10 +53,10 @@ def no_ranges_error(shown: str) -> OSError:
     )
 
 
-def timeout_error(shown: str) -> TimeoutError:
-    """Return the error for a server that does not answer or sends nothing more."""
+def timeout_error(shown: str, seconds: float) -> TimeoutError:
+    """Return the error for a server that does not answer, or sends nothing more, within this time."""
     return NoAnswerError(
-        errno.ETIMEDOUT, f"no answer from the server within {transport.READ:g} seconds: try again later", shown
+        errno.ETIMEDOUT, f"no answer from the server within {seconds:g} seconds: try again later", shown
     )
 
 
@@ -91,7 +91,7 @@ def store_error(error: Any, url: str, shown: str) -> Exception:
     if isinstance(error, IsADirectoryError):
         return IsADirectoryError(errno.EISDIR, "is a folder: give the address of a file", shown)
     if isinstance(error, TimeoutError) or "Timeout" in name:
-        return timeout_error(shown)
+        return timeout_error(shown, transport.READ)
     if isinstance(error, ConnectionError) or "Connect" in name or "Endpoint" in name:
         return unreachable_error(shown)
     if isinstance(error, ValueError) and "Protocol not known" in str(error):

@@ -66,8 +66,9 @@ class HttpTransport(Transport):
         try:
             async with session.get(url, headers=headers, timeout=limits, max_redirects=REDIRECTS) as response:
                 yield response
-        except TimeoutError:
-            raise timeout_error(self._shown) from None
+        except TimeoutError as error:
+            connecting = type(error).__name__ == "ConnectionTimeoutError"  # of aiohttp 3.10 and later
+            raise timeout_error(self._shown, transport.CONNECT if connecting else transport.READ) from None
         except aiohttp.TooManyRedirects:
             raise OSError(errno.ELOOP, f"more than {REDIRECTS} redirects: check the address", self._shown) from None
         except (aiohttp.InvalidURL, getattr(aiohttp, "NonHttpUrlClientError", aiohttp.InvalidURL)):

@@ -255,13 +255,23 @@ def test_servers_that_cannot_be_reached_are_errors():
         assert caught.value.filename == url
 
 
-def test_files_that_are_no_scans_are_refused_by_their_url(server):
+def test_the_time_to_connect_is_limited(server, ply, monkeypatch):
+    monkeypatch.setattr(transport, "CONNECT", 1e-9)
+    with pytest.raises(TimeoutError, match="no answer from the server within 1e-09 seconds"):
+        pr.read(server.add("a.ply", ply.read_bytes()))
+
+
+def test_files_that_are_no_scans_are_refused_without_a_download(server):
     url = server.add("a.doc", b"some text that is not a scan" * 10)
     with pytest.raises(ValueError, match=rf"^{url}: unsupported file type \.doc"):
         pr.read(url)
     url = server.add("a.ply", b"some text that is not a scan" * 10)
     with pytest.raises(ValueError, match=rf"^{url}: invalid PLY file"):
         pr.read(url)
+    url = server.add("a.zip", b"PK" * 10_000)
+    with pytest.raises(ValueError, match=rf"^{url}: unsupported file type \.zip: unpack it"):
+        pr.read(url)
+    assert max(size for _, size in server.sent) == transport.HEAD
 
 
 def test_a_file_that_refers_to_others_does_not_fetch_them(server, tmp_path):
