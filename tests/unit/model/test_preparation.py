@@ -133,7 +133,7 @@ def test_bad_input_is_refused_and_leaves_nothing(options: dict[str, Any], words:
     ("change", "words"),
     [
         (lambda f: ([], f / "b.ply"), "paths must name at least one file"),
-        (lambda f: (3, f / "b.ply"), "paths must be a path"),
+        (lambda f: (3, f / "b.ply"), "paths must be Points, a path or list of paths"),
         (lambda f: (f / "scan.ply", 3), "out must be a path"),
         (lambda f: (f / "scan.ply", f / "scan.ply"), "is an input; use force=True to overwrite it"),
         (lambda f: (f / "scan.ply", f / "a.xyz"), "cannot write .xyz"),
