@@ -273,7 +273,7 @@ def plan_preparation(paths: Any, options: PreparationOptions, progress: StagePro
 
     paths : files or folders, as given to `prepare`; progress : called while files are downloaded
     """
-    if not (is_path(paths) or is_paths(paths) or paths == []):
+    if not (is_path(paths) or is_paths(paths) or (isinstance(paths, list | tuple) and not paths)):
         return _plan_for_points(check_points(paths, "paths"), options)
     files, storage, named = files_of(paths), options.storage, options.named
     plan = Plan(files, options, False)
