@@ -20,8 +20,9 @@ from ....cloud.normals.estimate import repair_normals
 from ....cloud.points import Points
 from .._source import CHUNK
 
-# Standard deviations in radii. Discs: 0.50 leaves 0.3% of a surface open and 0.60 covers 0.7% beside it (0.1% and 0.6%
-# with 0.55, which is also best for colours). Spheres: 0.71 covers the same area as a sphere.
+# Standard deviations in radii. Statue of 60,000 points in close-up: widths of 0.50, 0.55 and 0.60 leave 0.17%, 0.04%
+# and 0.01% of the surface open, cover 0.33%, 0.39% and 0.46% beside it, and change colours by 2.8, 2.4 and 2.5 of 255.
+# A sphere of 0.71 covers as much area as one with a sharp edge.
 WIDTH, BALL = 0.55, 0.71
 THICKNESS = 0.05  # of a flat splat, as a share of its width
 OPACITY = 254 / 255  # the largest below 1 in 8 bits: its logit is finite

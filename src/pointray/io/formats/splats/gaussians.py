@@ -113,6 +113,7 @@ KEPT = {
     **KEEPS,
     "attributes": f"{KEEPS['attributes']}; all other properties except f_rest",
     "survey": "the coordinate system",
+    "note": f"{KEEPS['note']}; written by `pointray convert --splats` and `pr.write_splats`",
 }
 
 FORMAT = Format("3D Gaussian splatting", (".ply",), recognise, GaussianSource, KEPT, write=write)
