@@ -9,6 +9,7 @@ import pointray as pr
 from helpers.clouds import sphere_points
 from pointray.cli import execute
 from pointray.io import files
+from pointray.io.formats.splats._flat import WIDTH
 
 MARK = b"what was there before"
 
@@ -123,11 +124,11 @@ def test_the_extension_or_an_option_selects_splats(scan, capsys):
 
 
 def test_saved_models_and_splats_are_converted_to_splats(scan, capsys):
-    model = pr.Model(pr.read("a.ply"))
+    model = pr.Model(pr.read("a.ply"), radius_scale=1.5)
     model.save("a.pointray")
     assert run(capsys, "a.pointray", "b.splat")[0] == 0
     width = pr.read("b.splat").attributes["scale"].max(axis=1)
-    assert np.ptp(width / model.radii) < 1e-6
+    np.testing.assert_allclose(width, WIDTH * model.radii, rtol=1e-5)
     assert run(capsys, "b.splat", "c.splat")[1] == "c.splat: 500 points\n"
     np.testing.assert_allclose(pr.read("c.splat").attributes["scale"].max(axis=1), width, rtol=1e-5)
 

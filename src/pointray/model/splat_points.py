@@ -41,5 +41,4 @@ def splat_points(model: Model, colors: NDArray[np.uint8] | None = None, progress
         normals[scattered] = 0
     shades = points.colors if colors is None else colors
     cloud = Points.about(points.origin, positions, normals, shades, {RADIUS: radii}, points.georeference)
-    there &= radii > 0
     return cloud if there.all() else cloud.select(np.flatnonzero(there))

