@@ -11,26 +11,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..baking.baked import Baked, bake
-from ..base.arguments import Vector, check_callback, check_kind, check_path, wrong, wrong_type
+from ..base.arguments import Vector, check_callback, check_path, wrong, wrong_type
 from ..base.atomic_write import check_writable, replacing, unsupported_extension
 from ..base.progress import StageProgress, in_stage
 from ..base.warning_log import warn
+from ..cloud.conversion import PointsLike, check_points
 from ..cloud.points import Points
 from ..image.exposure import auto_tone, white_under
 from ..image.tone import linear_to_srgb, srgb_to_linear, tone
+from ..io.exchange.convert import is_path
 from ..io.formats._source import Writer
 from ..io.formats.splats import _spz_write, gaussians, splat
 from ..io.formats.splats._flat import has_scales, lost_attributes
 from ..model.model import Model
+from ..model.scan_inputs import is_saved
 from ..model.splat_points import splat_points
 from ..rendering.picture import render
 from ..rendering.settings import Settings
 from ..scene.scene import Scene
 from ..shade.environment import EnvironmentLight
 from ..shade.lights import Light
-from ..shade.materials.diffuse import Diffuse
-from ..surface.splats.radii import radii_in
 from . import STUDIO
+from .default_scene import model_of, own_material
 from .first_view import Scan, ViewChoice
 from .framing import Lens
 from .studio import CLAY, studio
@@ -53,7 +55,7 @@ class LitColors(NamedTuple):
 
 def write_splats(
     path: str | os.PathLike[str],
-    subject: Points | Model,
+    subject: Model | PointsLike,
     *,
     light: str | Sequence[Light | EnvironmentLight] | None = None,
     progress: StageProgress | None = None,
@@ -68,7 +70,7 @@ def write_splats(
     path : str or path
         The extension selects the layout: .ply (that of INRIA's training, without harmonics above degree 0), .spz or
         .splat. An existing file is replaced once the new one is complete.
-    subject : Points or Model
+    subject : Model, the path of a saved one, or what `as_points` accepts
         A `Model` is built of points, unless they have the attribute `scale`: splats that were read from a file are
         written as they are.
     light : "studio" or sequence of lights, optional
@@ -102,10 +104,17 @@ def write_splats(
     """
     file, lights = check_path(path), check_lights(light)
     check_callback(progress)
-    check_kind(subject, "subject", (Points, Model), "Points or a Model")
     check_splats_path(file)
-    for lost in write_subject(file, subject, lights, progress):
+    for lost in write_subject(file, _subject_of(subject), lights, progress):
         warn(f"{file}: {lost}", stacklevel=2)
+
+
+def _subject_of(subject: Any) -> Points | Model:
+    if isinstance(subject, Model):
+        return subject
+    if is_path(subject) and is_saved(Path(subject)):
+        return Model.load(subject)
+    return check_points(subject, "subject")
 
 
 def check_splats_path(file: Path) -> None:
@@ -138,12 +147,12 @@ def write_subject(file: Path, subject: Points | Model, lights: Any, progress: St
     """
     if isinstance(subject, Points) and lights is None and has_scales(subject):
         return write_points(file, subject, progress)
-    model = subject if isinstance(subject, Model) else Model(subject, radii_in(subject), progress=progress)
+    model = model_of(subject, "subject", progress)
     colors = None
     if lights is not None:
         model.check_whole()
         scan, scene = Scan(model, ViewChoice()), Scene()
-        number = scene.add(model, material=Diffuse(CLAY if model.points.colors is None else None))
+        number = scene.add(model, material=own_material(model.points))
         scene.lights = studio(scan.up, float(round(scan.natural_outlook.azimuth))) if lights == STUDIO else lights
         colors = lit_colors(scene, bake(scene, progress=progress), number, scan.up).colors
     return write_model(file, model, colors, progress)

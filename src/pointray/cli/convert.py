@@ -79,10 +79,8 @@ def _write(output: Path, points: Any, progress: Progress) -> list[str]:
 def _write_splats(output: Path, points: Any, progress: Progress, model: Any = None) -> list[str]:
     """Write points or their model as Gaussian splats, and return messages about what the format cannot store."""
     from ..auto_view.splats import write_subject
-    from ..cloud.normals.validation import select_normals
 
-    subject = select_normals(points, progress=progress.show) if model is None else model
-    return write_subject(output, subject, None, progress.show)
+    return write_subject(output, points if model is None else model, None, progress.show)
 
 
 def _convert_lit(scan: ScanFiles, output: Path, options: SplatOptions) -> str:

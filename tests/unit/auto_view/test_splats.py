@@ -178,3 +178,13 @@ def test_progress_names_the_stages(tmp_path):
     assert list(dict.fromkeys(stage for stage, _ in stages)) == ["baking light", "splats", "writing"]
     assert all(0 <= share <= 1.0001 for _, share in stages) and stages[-1] == ("writing", pytest.approx(1))
     assert write_model(tmp_path / "b.spz", model, None, None) == []
+
+
+def test_files_arrays_and_saved_models_are_written(tmp_path):
+    points = ball(300)
+    pr.write(tmp_path / "a.ply", points)
+    pr.Model(points).save(tmp_path / "a.pointray")
+    subjects = [points, tmp_path / "a.ply", str(tmp_path / "a.pointray"), points.to_structured()]
+    for k, subject in enumerate(subjects):
+        pr.write_splats(tmp_path / f"{k}.splat", subject)
+    assert len({(tmp_path / f"{k}.splat").read_bytes() for k in range(len(subjects))}) == 1
