@@ -1,6 +1,7 @@
 # The public names, each imported from its module on first use: `lazy_loader` reads this file.
 
 from .auto_view.first_view import frame as frame
+from .auto_view.splats import write_splats as write_splats
 from .auto_view.studio import studio as studio
 from .baking.baked import Baked as Baked, StaleLightWarning as StaleLightWarning, bake as bake
 from .baking.settings import BakeSettings as BakeSettings

@@ -274,7 +274,7 @@ def test_the_defaults_are_those_of_python():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["-o", "lit.xyz"], "cannot write .xyz; supported: .las, .laz, .npy, .npz, .ply, .bake"),
+        (["-o", "lit.xyz"], "cannot write .xyz; supported: .las, .laz, .npy, .npz, .ply, .splat, .spz, .bake"),
         (["-o", "lit"], "a file without extension"),
         (["-o", "no/folder/lit.ply"], "folder not found"),
         (["-o", "lit.bake", "--colors"], "--colors requires .las, .laz, .npy, .npz, .ply"),

@@ -9,6 +9,7 @@ import pointray as pr
 from helpers.clouds import sphere_points
 from pointray.cli import execute
 from pointray.io import files
+from pointray.io.formats.splats._flat import WIDTH
 
 MARK = b"what was there before"
 
@@ -69,6 +70,13 @@ def test_what_the_target_cannot_store_is_reported(scan, capsys, monkeypatch):
         ("a.ply ./a.ply", "a.ply: is an input; use --force to overwrite it"),
         (". a.ply", "a.ply: is an input; use --force to overwrite it"),
         ("a.ply", "Missing argument"),
+        ("absent.ply b.las --splats", "b.las: --splats requires .ply, .spz, .splat"),
+        ("absent.ply b.ply --light studio", "b.ply: --light requires .spz, .splat, or .ply with --splats"),
+        ("absent.ply b.spz --up z", "--up requires --light"),
+        ("a.ply b.spz --light studio --up w", "--up"),
+        ("a.ply b.spz --light headlight", "--light headlight: light that moves with the camera cannot be baked"),
+        ("a.ply b.spz --light sun:1,1,-1,camera", "light that moves with the camera cannot be baked"),
+        ("a.ply b.spz --light bulb", "--light"),
         ("note.txt b.ply", "note.txt: "),
         ("scene.toml b.ply", "scene.toml: unsupported file type .toml"),
     ],
@@ -97,3 +105,47 @@ def test_a_failure_keeps_the_old_file(scan, capsys, monkeypatch):
     status, out, err = run(capsys, "a.ply", "b.ply")
     assert (status, out) == (1, "") and "No space left on device" in err
     assert Path("b.ply").read_bytes() == MARK and sorted(p.name for p in Path().iterdir()) == ["a.ply", "b.ply"]
+
+
+# ------------------------------------------------------------------------------------------------ Gaussian splats
+
+
+def test_the_extension_or_an_option_selects_splats(scan, capsys):
+    place = ", ".join(f"{x:.15g}" for x in scan.origin)
+    lost = f"stores positions relative to ({place}), because viewers of splats use 32-bit floats"
+    for output, more in (("b.spz", []), ("b.splat", []), ("c.ply", ["--splats"])):
+        status, out, _ = run(capsys, "a.ply", output, *more)
+        assert status == 0 and lost in out
+        assert out.startswith(f"{output}: 500 points; cannot store the attributes gps_time, classification; stores")
+        points = pr.read(output)
+        np.testing.assert_allclose(points.world, scan.positions, atol=1e-4)
+        assert set(points.attributes) == {"opacity", "scale"}
+    assert set(pr.read("a.ply").attributes) == set(scan.attributes)
+
+
+def test_saved_models_and_splats_are_converted_to_splats(scan, capsys):
+    model = pr.Model(pr.read("a.ply"), radius_scale=1.5)
+    model.save("a.pointray")
+    assert run(capsys, "a.pointray", "b.splat")[0] == 0
+    width = pr.read("b.splat").attributes["scale"].max(axis=1)
+    np.testing.assert_allclose(width, WIDTH * model.radii, rtol=1e-5)
+    assert run(capsys, "b.splat", "c.splat")[1] == "c.splat: 500 points\n"
+    np.testing.assert_allclose(pr.read("c.splat").attributes["scale"].max(axis=1), width, rtol=1e-5)
+
+
+def test_light_is_baked_into_splats(scan, capsys):
+    """A sun from above, one from below: opposite sides are bright."""
+    bright = {}
+    for direction in ("0,0,-1", "0,0,1"):
+        status, out, _ = run(capsys, "a.ply", "b.splat", "--light", f"sun:{direction}", "--up", "z")
+        assert status == 0 and "b.splat: 500 points, lit colours, exposure " in out
+        points = pr.read("b.splat")
+        upper = points.normals[:, 2] > 0.5
+        bright[direction] = points.colors[upper].mean() / points.colors[points.normals[:, 2] < -0.5].mean()
+    assert bright["0,0,-1"] > 1.5 and bright["0,0,1"] < 1 / 1.5
+
+
+def test_the_up_direction_of_the_studio_is_printed(scan, capsys):
+    _, out, _ = run(capsys, "a.ply", "b.splat", "--light", "studio")
+    assert len(out.splitlines()) == 2 and out.splitlines()[1].startswith("up ") and out.endswith("Change with --up.\n")
+    assert run(capsys, "a.ply", "b.splat", "--light", "studio", "--up", "y")[1].count("\n") == 1

@@ -214,6 +214,7 @@ def valid_calls(t: Things) -> dict[str, Call]:
         ),
         "write": (pr.write, {"path": t.folder / "b.ply", "points": t.points}),
         "write_image": (pr.write_image, {"path": t.folder / "b.png", "image": np.zeros((4, 4, 3), np.float32)}),
+        "write_splats": (pr.write_splats, {"path": t.folder / "b.splat", "subject": t.points.changed(attributes={})}),
         "write_layers": (pr.write_layers, {"path": t.folder / "b.npz", "layers": {"depth": np.zeros((4, 4))}}),
     }
 

@@ -6,6 +6,7 @@ upright: up direction from weighted evidence; evidence: scores from the shape; s
 camera_frame: detection of depth camera frames
 direction: view direction; framing: camera distance; coverage: share of the image that points cover
 studio: lights; fronts: test for visible back faces
+splats: files of Gaussian splats, with baked light, as `pointray.write_splats`
 contact: contact shadow of a standing object; shadow_under_image: kernel that composites it
 first_view: all of these together, as `pointray.frame`. Begin here.
 default_scene: scans, points or models in the studio's light, for `render`, `view` and `bake` of anything but a scene

@@ -59,6 +59,13 @@ def check_output(output: BakeOutput) -> None:
     check_result(output.path, LIGHT)
 
 
+def check_bakeable(lights: list[str] | None) -> None:
+    """Raise ValueError if a value of --light is a light that moves with the camera."""
+    for text in lights or []:
+        if text.endswith(",camera") or text == HEADLIGHT:
+            raise ValueError(f"--light {text}: light that moves with the camera cannot be baked")
+
+
 def scan_to_bake(
     scan: ScanFiles, options: PictureOptions, baking: dict[str, Any], output: BakeOutput
 ) -> tuple[ScanScene, LightSource]:
@@ -68,9 +75,7 @@ def scan_to_bake(
     """
     from ..baking.settings import BakeSettings
 
-    for text in options.light or []:
-        if text.endswith(",camera") or text == HEADLIGHT:
-            raise ValueError(f"--light {text}: light that moves with the camera cannot be baked")
+    check_bakeable(options.light)
     if output.colors and options.color_by is not None:
         raise ValueError("--colors cannot be combined with --color-by, only with the points' own colours or --color")
     source = LightSource(BakeSettings(**baking))

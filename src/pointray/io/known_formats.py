@@ -66,8 +66,8 @@ def format_by(head: bytes, file: Location) -> Format:
     best = max(certain, key=lambda name: certain[name])
     if certain[best] == NO:
         meant = [x for x in _formats().values() if inner.suffix.lower() in x.extensions]
-        # Splats are stored in PLY files too, but that format is read only.
-        names = [x.name for x in meant if x.write is not None] or [x.name for x in meant]
+        # Splats are stored in PLY files too; the first format is the one that `write` selects.
+        names = [x.name for x in meant if x.write is not None][:1] or [x.name for x in meant]
         what = (
             f"invalid {' or '.join(names)} file"
             if meant
@@ -155,6 +155,7 @@ def writer_of(path: str | os.PathLike[str]) -> Writer:
     """Return the function that writes files with the extension of `path`; ValueError if there is none.
 
     It takes an output stream, the points and a progress callback, and returns what the format cannot store, in words.
+    For .ply it is that of the format PLY, whose module comes before those of Gaussian splats.
     """
     file = check_path(path)
     for format in _formats().values():

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from ...base.choices import AUTO
 from ...model.scan_inputs import check_not_input
 from ..cluster import working_on
 from ..declare import INPUT, LIGHT, OUTPUT, QUALITY, single, with_options
@@ -26,6 +27,11 @@ TOLERANCE = "Drop points while the surface changes by at most this: 0.5 (units),
 SMOOTH = (
     "Move noisy points onto the surface. Noise as a standard deviation; auto: as measured, which --tolerance and "
     "--count imply."
+)
+SPLATS = "Write Gaussian splats to a .ply, in the layout of INRIA's training, instead of points."
+BAKED = (
+    "Bake this light into the colours of Gaussian splats: studio, sun:dx,dy,dz, point:x,y,z or sky:r,g,b as for "
+    "`pointray bake`. Repeatable. Default: colours without light."
 )
 TRAJECTORY = "Path of a moving scanner, towards which normals are turned: time,x,y,z, or a cloud with gps_time."
 PART_POINTS = "Points per part of a model in parts, rounded down to a power of two. Default: 4194304."
@@ -165,14 +171,20 @@ def info(
     show_table(describe_all(scan, deep), json)
 
 
-@with_options("pointray convert scan.e57 scan.laz", "pointray convert a.ply b.ply both.las --every 2")
+@with_options("pointray convert a.e57 b.e57 both.laz --every 2", "pointray convert scan.laz scan.spz --light studio")
 def convert(
     files: Annotated[list[Path], typer.Argument(metavar="IN", help=POINTS, parser=location)],
     output: Annotated[Path, typer.Argument(metavar="OUT", help="Result, in the format of its extension.")],
     reading: Reading,
+    splats: Annotated[bool, single(OUTPUT, None, SPLATS, "--splats")] = False,
+    light: Annotated[list[str] | None, single(LIGHT, "LIGHT", BAKED)] = None,
+    up: Annotated[str, single(LIGHT, "AXIS", "Up direction for --light; auto: found from the shape.")] = AUTO,
     force: ForceOption = False,
 ) -> None:
-    """Write a scan in another format; the command prints what that format cannot store."""
-    from ..convert import convert as work
+    """Write a scan in another format; the command prints what that format cannot store.
 
-    print(work(files, reading, output, force))
+    .spz, .splat, and .ply with --splats, contain a flat Gaussian splat for each point, for viewers of splats.
+    """
+    from ..convert import SplatOptions, convert as work
+
+    print(work(files, reading, output, force, SplatOptions(splats, light, up)))

@@ -1,5 +1,5 @@
 """3D Gaussian splatting.
 
-gaussians : PLY files written by training; compressed_gaussians : PLY files of PlayCanvas; spz : SPZ of Niantic;
-splat : .splat of antimatter15; _common : shared conversion
+gaussians : PLY files written by training; compressed_gaussians : PLY files of PlayCanvas; spz, _spz_write : SPZ of
+Niantic; splat : .splat of antimatter15; _common : shared conversion to points; _flat : points to flat splats
 """

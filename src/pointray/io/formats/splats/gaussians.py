@@ -10,19 +10,24 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ....base.arrays import Floats
+from ....base.progress import Progress, part_of
+from ....cloud.points import Points
 from .._source import NO, SURE, Chunk, Format, Request
 from ..ply._names import COLORS, NORMALS
 from ..ply.ply import Columns, PlySource
 from ._common import HARMONIC, KEEPS, ROW, Splats, listing_of, opaque_chunks
+from ._flat import FlatSplats
 
 CENTERS, HARMONICS = ("x", "y", "z"), ("f_dc_0", "f_dc_1", "f_dc_2")
 SCALES, QUATERNIONS = ("scale_0", "scale_1", "scale_2"), ("rot_0", "rot_1", "rot_2", "rot_3")
 NEEDED = (*HARMONICS, "opacity", *SCALES[:2], *QUATERNIONS)
 DROPPED = re.compile(r"f_rest_\d+")
+WRITTEN = (*CENTERS, *NORMALS[0], *HARMONICS, "opacity", *SCALES, *QUATERNIONS)
 REPLACED = {*CENTERS, *NEEDED, *SCALES, *NORMALS[0], *(name for names in COLORS for name in names)}
 
 
@@ -80,10 +85,35 @@ def _floats(columns: Columns, names: Sequence[str]) -> Floats:
     return out
 
 
+def write(file: Any, points: Points, progress: Progress | None = None) -> list[str]:
+    """Write points to a stream as flat Gaussian splats in the layout of training; return what it cannot store.
+
+    Harmonics above degree 0 are left out, as in other files without them.
+    """
+    splats = FlatSplats(points, part_of(progress, 0.0, 0.5))
+    properties = [f"property float {name}" for name in WRITTEN]
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {splats.count}", *properties, "end_header", ""]
+    file.write("\n".join(header).encode("ascii"))
+    for part in splats.parts(part_of(progress, 0.5, 1.0)):
+        scales, turns = splats.shapes(part)
+        opacity = np.clip(splats.opacity(part), 1 / 512, 511 / 512)
+        columns = [
+            splats.positions[part],
+            splats.normals(part),
+            (splats.colors(part) / np.float32(255) - np.float32(0.5)) / np.float32(HARMONIC),
+            np.log(opacity / (1 - opacity))[:, None],
+            np.log(scales),
+            turns,
+        ]
+        file.write(np.concatenate(columns, axis=1, dtype="<f4").data)
+    return splats.lost
+
+
 KEPT = {
     **KEEPS,
     "attributes": f"{KEEPS['attributes']}; all other properties except f_rest",
     "survey": "the coordinate system",
+    "note": f"{KEEPS['note']}; written by `pointray convert --splats` and `pr.write_splats`",
 }
 
-FORMAT = Format("3D Gaussian splatting", (".ply",), recognise, GaussianSource, KEPT)
+FORMAT = Format("3D Gaussian splatting", (".ply",), recognise, GaussianSource, KEPT, write=write)

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ....base.progress import Progress, part_of
+from ....cloud.points import Points
 from .._source import MAYBE, NO, Chunk, Faults, Format, Request, Source
 from ._common import KEEPS, ROWS, Floats, Splats, listing_of, opaque_chunks
+from ._flat import FlatSplats
 
 ROW = np.dtype([("place", "<f4", 3), ("scale", "<f4", 3), ("color", "u1", 4), ("turn", "u1", 4)])
 LARGEST = 1e6  # maximum coordinate and scale of plausible splats
@@ -82,4 +86,18 @@ class SplatSource(Source):
                 yield Splats(rows["place"], shades[:, :3], shades[:, 3], rows["scale"], turns), end / self._count
 
 
-FORMAT = Format("splat", (".splat",), recognise, SplatSource, KEEPS)
+def write(file: Any, points: Points, progress: Progress | None = None) -> list[str]:
+    """Write points to a stream as flat Gaussian splats of 32 bytes; return what the format cannot store, in words."""
+    splats = FlatSplats(points, part_of(progress, 0.0, 0.5))
+    for part in splats.parts(part_of(progress, 0.5, 1.0)):
+        rows = np.empty(part.stop - part.start, ROW)
+        scales, turns = splats.shapes(part)
+        rows["place"], rows["scale"] = splats.positions[part], scales
+        rows["color"][:, :3] = splats.colors(part)
+        rows["color"][:, 3] = np.rint(255 * splats.opacity(part))
+        rows["turn"] = np.clip(np.rint(128 * turns + 128), 0, 255)
+        file.write(rows.data)
+    return splats.lost
+
+
+FORMAT = Format("splat", (".splat",), recognise, SplatSource, KEEPS, write=write)

@@ -23,16 +23,12 @@ from ....base.extras import require
 from ....cloud.georeference import Georeference
 from .._source import NO, SURE, Chunk, Format, Request, Source
 from ._common import HARMONIC, KEEPS, ROWS, Splats, listing_of, opaque_chunks, smallest_three
+from ._spz_write import FINEST, HEADER, MAGIC, OLD, SHADE, write
 
-MAGIC = b"NGSP"
-HEADER = struct.Struct("<4sIIBBBBI12x")  # versions before 4 end before the last field
-OLD = 16  # bytes of the header before version 4
 TABLE_ROW = struct.Struct("<QQ")  # compressed and uncompressed bytes of a column
 HARMONICS = (0, 3, 8, 15, 24)  # number of spherical harmonics above degree 0, by maximum degree
 ZSTD_RATIO = 1024  # maximum ratio of the uncompressed columns to the file size, as in Niantic's library
-FINEST = 24  # maximum bits of a fraction
 ANTIALIASED = 1
-SHADE = 0.15  # factor of the stored coefficient of degree 0
 ROOT_HALF = np.float32(0.5**0.5)
 
 Bytes = NDArray[np.uint8]
@@ -259,4 +255,4 @@ def _quaternions(turns: Bytes) -> Floats:
     return np.roll(smallest_three(word >> 30, rest), 1, axis=1)  # stored as x, y, z, w
 
 
-FORMAT = Format("SPZ", (".spz",), recognise, SpzSource, KEEPS)
+FORMAT = Format("SPZ", (".spz",), recognise, SpzSource, KEEPS, write=write)
