@@ -24,10 +24,12 @@ _load, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 _RENAMED = {"Survey": "Georeference"}  # deprecated aliases
 
 # The only dependencies on higher layers: Dask executors for rendering and baking, when a client is given; conversions
-# of objects of other libraries for `cloud/`; and the scene that the command line makes of a scan.
+# of objects of other libraries for `cloud/`; the scene that the command line makes of a scan; and ray queries for
+# `Model.to_mesh`.
 register_backend(lambda: importlib.import_module(".cluster.backend", __name__))
 register("exchange", lambda: importlib.import_module(".io.exchange.convert", __name__))
 register("default_scene", lambda: importlib.import_module(".auto_view.default_scene", __name__))
+register("meshing", lambda: importlib.import_module(".scene.meshing", __name__))
 
 
 def __getattr__(name: str) -> Any:

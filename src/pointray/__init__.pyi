@@ -23,6 +23,7 @@ from .model.preparation import Prepared as Prepared, prepare as prepare
 from .procedural_models import procedural as procedural, procedural_distance as procedural_distance
 from .rendering.camera import Camera as Camera
 from .rendering.camera_path import fly as fly, turntable as turntable
+from .rendering.layer_dataset import Layers as Layers
 from .rendering.layers import render_layers as render_layers
 from .rendering.picture import render as render
 from .rendering.sequence import animate as animate

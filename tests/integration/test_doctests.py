@@ -16,10 +16,17 @@ import pytest
 import pointray as pr
 
 # Results, which callers do not create: their attributes are documented.
-RESULTS = {"Baked", "Flaws", "FormatFacts", "Hits", "NormalsCheck", "Prepared", "SceneFile", "StaleLightWarning"} | {
-    "Strays",
-    "Viewer",
-}
+RESULTS = {
+    "Baked",
+    "Flaws",
+    "FormatFacts",
+    "Hits",
+    "Layers",
+    "NormalsCheck",
+    "Prepared",
+    "SceneFile",
+    "StaleLightWarning",
+} | {"Strays", "Viewer"}
 # Methods without examples: `remade` is deprecated, `open_browser` needs a browser, only the package calls the others.
 BRIEF = {"align_tree", "check_whole", "open_browser", "portable", "record", "remade", "snapshot", "tables"}
 SECTION = r"^{}\n-+\n(.*?)(?=^\w[\w ]*\n--|\Z)"

@@ -2,6 +2,7 @@
 
 "exchange": conversions between `Points` and objects of other libraries, for `cloud/`
 "default_scene": the scene that the command line makes of a scan, for `rendering/` and `baking/`
+"meshing": triangle meshes by ray queries, for `model/`
 """
 
 from __future__ import annotations

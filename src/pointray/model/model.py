@@ -20,6 +20,7 @@ from ..base.arguments import check_callback, check_choice, check_path, check_pos
 from ..base.choices import AUTO, SURFACES
 from ..base.deprecation import warn_renamed
 from ..base.progress import StageProgress, in_stage
+from ..base.registered import registered
 from ..cloud.conversion import PointsLike, check_points
 from ..cloud.denoising.smooth import check_sigma
 from ..cloud.points import spread_rows
@@ -323,6 +324,51 @@ class Model(TraceableModel):
         check_callback(progress)
         self.check_whole()
         self.levels = tuple(PrebuiltModel(level) for level in make_levels(self.data, progress or ignore_progress))
+
+    def to_mesh(self, resolution: int | None = None, progress: StageProgress | None = None) -> Any:
+        """Return the surface as a closed triangle mesh, by marching cubes on a grid.
+
+        The vertices lie on the surface that rays hit, on the edges of the grid. Neighbouring triangles share vertices,
+        all triangles face outwards, and every edge has two (`is_watertight`). Details smaller than a cell, such as
+        sharp edges and thin parts, are lost, and so are separate pieces smaller than three cells. Memory grows with the
+        square of the resolution.
+
+        Holes are closed where the surface encloses a place along at least two of the three axes, such as under a statue
+        that was not scanned from below. A warning says so if more than 2% of the mesh's vertices close holes; if more
+        than 40% do, the surface counts as open. Points drawn as spheres or discs are left out.
+
+        Parameters
+        ----------
+        resolution : int, optional
+            Number of cells along the longest side, 2 to 4096. Default: cells as wide as the median radius of the
+            supports, about the spacing of the points, but at most 400.
+        progress : callable, optional
+            Called as `progress(stage, share)` with the name of the stage and its completed share, 0 to 1.
+
+        Returns
+        -------
+        trimesh.Trimesh
+            World coordinates, with the points' colours at the vertices if they have any. `mesh.export("statue.ply")`
+            writes a file.
+
+        Raises
+        ------
+        TypeError
+            If an argument has the wrong type.
+        ValueError
+            If the surface is open and encloses nothing, like that of a terrain, if the resolution is out of its range,
+            or for a model in parts.
+        ImportError
+            If trimesh or scikit-image is not installed: `pip install 'pointray[mesh]'`.
+
+        Examples
+        --------
+        >>> mesh = pr.Model(pr.procedural("sphere", 1000)).to_mesh(20)
+        >>> mesh.is_watertight, mesh.euler_number
+        (True, 2)
+        >>> path = mesh.export("sphere.ply")
+        """
+        return registered("meshing").mesh_model(self, resolution, progress)
 
 
 class PrebuiltModel(Model):

@@ -15,6 +15,7 @@ from ..scene.rays import Hits, check_rays
 from ..scene.scene import Scene
 from ..scene.world import Snapshot
 from .camera import Camera
+from .layer_dataset import Layers
 from .picture import check_picture, check_view, picture_bytes, render_snapshot
 from .ray_forwarding.spread import check_spread
 from .settings import Settings
@@ -29,7 +30,7 @@ def render_layers(
     settings: Settings | None = None,
     progress: StageProgress | None = None,
     client: Client = None,
-) -> dict[str, NDArray[Any]]:
+) -> Layers:
     """Render a scene as layers: radiance, and geometry at the first hit of each pixel. The scene is not modified.
 
     Parameters
@@ -46,7 +47,9 @@ def render_layers(
 
     Returns
     -------
-    dict
+    Layers
+        A dict, which `to_xarray` converts to a `xarray.Dataset`:
+
         radiance : (h, w, 4) float32
             Result of `render`: linear RGB, premultiplied, and alpha.
         depth : (h, w) float32
@@ -91,15 +94,18 @@ def render_layers(
     now, executor = snapshot_and_executor(scene, client, check_spread(None, client, settings))
     radiance = render_snapshot(now, camera, settings, lambda done: report(share * done), executor)
     shape = radiance.shape[:2]
-    layers: dict[str, NDArray[Any]] = {
-        "radiance": radiance,
-        "depth": np.full(shape, np.inf, np.float32),
-        "normal": np.empty((*shape, 3), np.float32),
-        "position": np.empty((*shape, 3)),
-        "albedo": np.empty((*shape, 3), np.float32),
-        "instance": np.empty(shape, np.int32),
-        "point": np.empty(shape, np.int64),
-    }
+    layers = Layers(
+        {
+            "radiance": radiance,
+            "depth": np.full(shape, np.inf, np.float32),
+            "normal": np.empty((*shape, 3), np.float32),
+            "position": np.empty((*shape, 3)),
+            "albedo": np.empty((*shape, 3), np.float32),
+            "instance": np.empty(shape, np.int32),
+            "point": np.empty(shape, np.int64),
+        },
+        camera,
+    )
     rows = max(BAND // shape[1], 1) * SQUARE
     tops = list(range(0, max(shape[0] - 1, 1), rows))  # no single row at the end, as it could not be traced in squares
     for top, end in zip(tops, [*tops[1:], shape[0]], strict=True):

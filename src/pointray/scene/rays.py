@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.arguments import real_numbers
 from ..base.arrays import Doubles
+
+if TYPE_CHECKING:
+    from ..cloud.points import Points
 
 Rays = tuple[Doubles, Doubles, Doubles]  # origins and directions, (n, 3), and t_min, t_max, (n, 2)
 
@@ -60,6 +63,60 @@ class Hits:
     point: NDArray[np.int64]
     instance: NDArray[np.int32]
     attributes: dict[str, NDArray[Any]] = field(default_factory=dict)
+
+    def to_points(self) -> Points:
+        """Return the hits as points; rays that miss are left out.
+
+        Returns
+        -------
+        Points
+            World positions, normals and sRGB colours (none if all hits are white, as those of points without colours).
+            Its attributes are `t`, `ray` (index of the ray, in the order of the flattened arrays), `point`, `instance`
+            and those of the hits. One of these names gets an underscore at the end if it is that of a field.
+
+        Raises
+        ------
+        ValueError
+            If no ray hits anything.
+
+        Examples
+        --------
+        >>> scene = pr.Scene()
+        >>> ball = scene.add(pr.Model(pr.procedural("sphere", 1000)))
+        >>> points = scene.intersect([[0, -5, 0], [0, -5, 3], [0, 5, 0]], [0, 1, 0], t_min=-9).to_points()
+        >>> len(points), points.attributes["ray"].tolist()
+        (2, [0, 2])
+        """
+        from .hit_tables import points_of
+
+        return points_of(self)
+
+    def to_pandas(self) -> Any:
+        """Return the hits as a table of pandas with one row for each ray, also for those that miss.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Columns `t`, `x`, `y`, `z`, `nx`, `ny`, `nz`, `red`, `green`, `blue` (sRGB, uint8), `point`, `instance`, and
+            one for each attribute or each of its components (`name_0`, ...). The index `ray` is that of the flattened
+            arrays. Rays that miss have the values that `Hits` describes: `t` inf, positions NaN, `instance` -1.
+
+        Raises
+        ------
+        ImportError
+            If pandas is not installed.
+
+        Examples
+        --------
+        >>> scene = pr.Scene()
+        >>> ball = scene.add(pr.Model(pr.procedural("sphere", 1000)))
+        >>> table = scene.intersect([[0, -5, 0], [0, -5, 3]], [0, 1, 0]).to_pandas()
+        >>> table.t.round(2).tolist(), table.instance.tolist()
+        ([4.0, inf], [0, -1])
+        """
+        from .hit_tables import table_of
+
+        return table_of(self)
 
 
 def check_rays(
