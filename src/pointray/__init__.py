@@ -21,6 +21,7 @@ from .base.registered import register
 # `__init__.pyi` lists the public names, which are imported on first use: `import pointray` is fast.
 _load, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
+_ROOMS = ("compat",)  # modules for users, imported on first use
 _RENAMED = {"Survey": "Georeference"}  # deprecated aliases
 
 # The only dependencies on higher layers: Dask executors for rendering and baking, when a client is given; conversions
@@ -38,6 +39,8 @@ def __getattr__(name: str) -> Any:
         return _load(_RENAMED[name])
     if name in __all__:
         return _load(name)
+    if name in _ROOMS:
+        return importlib.import_module(f".{name}", __name__)
     import difflib
 
     near = difflib.get_close_matches(name, __all__, 1)

@@ -13,7 +13,7 @@ PACKAGE = Path(pointray.__file__).parent
 TOWER = [
     *("base", "engine", "cloud", "io", "procedural_models", "surface", "model"),
     *("shade", "image", "scene", "baking", "rendering", "cluster"),
-    *("auto_view", "scenefile", "viewer", "cli", "__main__"),
+    *("auto_view", "compat", "scenefile", "viewer", "cli", "__main__"),
 ]
 
 # The same inside of large rooms, for the folders and files that are named here.

@@ -11,6 +11,7 @@ from ..base.progress import Progress, report_progress
 from ..engine.kernels.records import INSTANCE, KIND, MODEL, SHAPE_ROW, TO_MODEL
 from ..engine.kernels.tree import REFINE
 from ..surface.intersect.march import START, START_UNREFINED
+from ..surface.trace.cast import Pace
 from .casting import intersect_snapshot
 from .rays import Hits, Rays
 from .world import Snapshot
@@ -84,7 +85,9 @@ def local_radii(scene: Snapshot, numbers: Indices, points: Rows) -> tuple[Double
     return radii, starts
 
 
-def find_crossings(scene: Snapshot, shape: tuple[int, ...], rays: Rays, progress: Progress | None = None) -> Crossings:
+def find_crossings(
+    scene: Snapshot, shape: tuple[int, ...], rays: Rays, progress: Progress | None = None, threads: int | None = None
+) -> Crossings:
     """Return all crossings of rays with the surfaces of a scene.
 
     The closest hits are searched for again and again, from just behind the last ones. Two crossings of one surface that
@@ -99,27 +102,31 @@ def find_crossings(scene: Snapshot, shape: tuple[int, ...], rays: Rays, progress
         Origins and directions, (n, 3), and limits t_min, t_max, (n, 2), as returned by `check_rays`.
     progress : callable, optional
         Called with the completed share.
+    threads : int, optional
+        Number of threads; None for all cores.
     """
+    pace = Pace(threads)
     n = len(rays[0])
     if n <= BATCH:
-        return _crossings(scene, shape, rays, 0)
+        return _crossings(scene, shape, rays, pace)
     found = []
     for start in range(0, n, BATCH):
         some = slice(start, min(start + BATCH, n))
-        found.append(_crossings(scene, (some.stop - start,), (rays[0][some], rays[1][some], rays[2][some]), start))
+        one = _crossings(scene, (some.stop - start,), (rays[0][some], rays[1][some], rays[2][some]), pace)
+        found.append(one._replace(ray=one.ray + start))
         report_progress(progress, some.stop / n)
     return _joined(found)
 
 
-def _crossings(scene: Snapshot, shape: tuple[int, ...], rays: Rays, offset: int) -> Crossings:
-    """Return the crossings of rays that are traced at once. offset : added to the indices of the rays"""
+def _crossings(scene: Snapshot, shape: tuple[int, ...], rays: Rays, pace: Pace) -> Crossings:
+    """Return the crossings of rays that are traced at once. pace : number of threads"""
     origins, directions, limits = rays
-    lengths = np.linalg.norm(directions, axis=1)
+    lengths = _lengths(directions)
     active, limits = np.arange(len(origins)), limits.copy()
     last = _Last(len(origins))
     found = [_no_crossings()]
     for _ in range(PASSES):
-        hits = intersect_snapshot(scene, shape, (origins[active], directions[active], limits[active]))
+        hits = intersect_snapshot(scene, shape, (origins[active], directions[active], limits[active]), pace=pace)
         hit = np.flatnonzero(hits.instance.reshape(-1) >= 0)
         active = active[hit]
         if not len(active):
@@ -135,17 +142,16 @@ def _crossings(scene: Snapshot, shape: tuple[int, ...], rays: Rays, offset: int)
         active = active[limits[active, 0] < limits[active, 1]]
         shape = (len(active),)
     every = _sorted(_joined(found))
-    whole = _sorted(_joined([every, _missed_exits(scene, every, rays)]))
-    return whole._replace(ray=whole.ray + offset)
+    return _sorted(_joined([every, _missed_exits(scene, every, rays, pace)]))
 
 
-def _missed_exits(scene: Snapshot, every: Crossings, rays: Rays) -> Crossings:
+def _missed_exits(scene: Snapshot, every: Crossings, rays: Rays, pace: Pace) -> Crossings:
     """Return the crossings at which rays leave a surface that they have only grazed, which the search misses.
 
     A ray that is less than the limit of the start rule below a surface, where the search continues, counts as outside.
     Rays in the opposite direction, from the next crossing on, find its exit.
 
-    every : crossings, sorted
+    every : crossings, sorted; pace : number of threads
     """
     same_ray = every.ray[1:] == every.ray[:-1]
     alone = np.flatnonzero(every.entering & ~np.append(same_ray & ~every.entering[1:], False) & (every.point >= 0))
@@ -153,14 +159,21 @@ def _missed_exits(scene: Snapshot, every: Crossings, rays: Rays) -> Crossings:
         return _no_crossings()
     one, directions, last = every.select(alone), rays[1][every.ray[alone]], rays[2][every.ray[alone], 1]
     size = float(np.linalg.norm(np.diff(scene.bounds, axis=0)))
-    end = np.minimum(one.t + 2 * size / np.linalg.norm(directions, axis=1), last)
+    end = np.minimum(one.t + 2 * size / _lengths(directions), last)
     followed = np.append(same_ray, False)[alone]
     end[followed] = every.t[alone[followed] + 1]
     back = one.t[:, None] * directions - end[:, None] * directions
     start = one.position - back
-    hits = intersect_snapshot(scene, (len(alone),), (start, back, np.tile([0.0, 1.0], (len(alone), 1))))
+    hits = intersect_snapshot(scene, (len(alone),), (start, back, np.tile([0.0, 1.0], (len(alone), 1))), pace=pace)
     out = _crossings_at(hits, np.arange(len(alone)), one.ray, rays)
     return out.select((hits.instance == one.instance) & ~out.entering & (out.t > one.t) & (out.t < end))
+
+
+def _lengths(directions: Doubles) -> Doubles:
+    """Return the lengths of directions, (n, 3), whose squares may not be finite; those that miss have any length."""
+    most = np.abs(directions).max(axis=1, initial=0)
+    most = np.where((most > 0) & (most < np.inf), most, 1.0)
+    return np.asarray(most * np.linalg.norm(directions / most[:, None], axis=1))
 
 
 def _joined(found: list[Crossings]) -> Crossings:

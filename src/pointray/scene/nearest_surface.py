@@ -13,6 +13,7 @@ import numpy as np
 from ..base.arrays import Doubles, Flags, Indices, Rows
 from ..engine.kernels.records import INSTANCE, KIND, MODEL, SHAPE_ROW, TO_MODEL
 from ..engine.kernels.tree import SCATTER, SPHERES
+from ..surface.trace.cast import Pace
 from .casting import intersect_snapshot
 from .crossings import find_crossings, world_scales
 from .world import Snapshot
@@ -20,6 +21,7 @@ from .world import Snapshot
 BATCH = 1 << 17  # positions at a time, which limits the memory
 CANDIDATES = 8  # splats near a position, from which the first estimate is chosen
 DISC = 0.5  # radius of the disc that stands for a splat, in support radii: about half the spacing
+FARTHEST = 1e100  # greatest coordinate: squares of distances are finite
 STEPS = 24
 TOLERANCE = 1e-3  # radii: shorter steps end the search
 LEAST_FACTOR, GREATEST_FACTOR = 0.05, 20.0  # of a step to the tangential offset
@@ -78,29 +80,31 @@ class NearestSurface:
         self._tree = cKDTree(self._splats.positions, balanced_tree=False, compact_nodes=False)
 
     def find(self, positions: Doubles, threads: int | None = None) -> ClosestPoints:
-        """Return the closest points for positions in world space, (n, 3); not finite ones have NaN and -1.
+        """Return the closest points for positions in world space, (n, 3).
 
-        threads : number of threads for the search of neighbours; None for all cores
+        Positions that are not finite, or beyond 1e100, have NaN and -1.
+
+        threads : number of threads; None for all cores
         """
         out = _empty(len(positions))
         columns: tuple[Any, ...] = out
-        known = np.flatnonzero(np.isfinite(positions).all(axis=1))
+        known = np.flatnonzero((np.abs(positions) < FARTHEST).all(axis=1))  # false for NaN
         for start in range(0, len(known), BATCH):
             rows = known[start : start + BATCH]
-            some: Any = self._find(positions[rows], threads or -1)
+            some: Any = self._find(positions[rows], threads)
             for column, values in zip(columns, some, strict=True):
                 column[rows] = values
         return out
 
-    def _find(self, x: Doubles, workers: int) -> ClosestPoints:
-        splat, foot = self._estimate(x, workers)
+    def _find(self, x: Doubles, threads: int | None) -> ClosestPoints:
+        splat, foot = self._estimate(x, threads or -1)
         s = self._splats
         found = _empty(len(x))._replace(
             position=foot, normal=s.normals[splat].copy(), point=s.points[splat], instance=s.instances[splat]
         )
         spheres = s.is_sphere[splat]
         found.normal[spheres] = _unit((x - s.positions[splat])[spheres])
-        search = _Descent(self._scene, x, s.radii[splat], found)
+        search = _Descent((self._scene, Pace(threads)), x, s.radii[splat], found)
         search.run(np.flatnonzero(~spheres))
         away = x - found.position
         side = np.where(np.einsum("ij,ij->i", away, found.normal) < 0, -1.0, 1.0)
@@ -127,12 +131,13 @@ class NearestSurface:
 class _Descent:
     """Points that move over the surface towards the closest ones, all at once.
 
-    scene : whose surface; x : (n, 3), the positions; radii : (n,), of the splats near the first estimate
+    traced : the scene whose surface it is, and the number of threads
+    x : (n, 3), the positions; radii : (n,), of the splats near the first estimate
     found : the first estimates, changed in place
     """
 
-    def __init__(self, scene: Snapshot, x: Doubles, radii: Doubles, found: ClosestPoints) -> None:
-        self._scene, self._x, self._radii, self._found = scene, x, radii, found
+    def __init__(self, traced: tuple[Snapshot, Pace], x: Doubles, radii: Doubles, found: ClosestPoints) -> None:
+        (self._scene, self._pace), self._x, self._radii, self._found = traced, x, radii, found
         self._factors, self._lost = np.ones(len(x)), np.zeros(len(x), np.int64)
 
     def run(self, rows: Rows) -> None:
@@ -186,14 +191,14 @@ class _Descent:
         reach = self._radii[rows]
         origins, directions = base + reach[:, None] * axis, -reach[:, None] * axis
         rays = origins, directions, np.tile([0.0, 2.0], (len(rows), 1))
-        hits = intersect_snapshot(self._scene, (len(rows),), rays)
+        hits = intersect_snapshot(self._scene, (len(rows),), rays, pace=self._pace)
         position, normal = hits.position, hits.normal.astype(np.float64)
         point, instance = hits.point, hits.instance
         good = (instance >= 0) & (point >= 0) & (np.einsum("ij,ij->i", normal, axis) > 0)
         behind = np.flatnonzero((instance >= 0) & ~good)
         if len(behind):  # another sheet is in front
             some = origins[behind], directions[behind], rays[2][behind]
-            every = find_crossings(self._scene, (len(behind),), some)
+            every = find_crossings(self._scene, (len(behind),), some, threads=self._pace.threads)
             every = every.select(every.entering & (every.point >= 0))
             every = every.select(np.lexsort((np.abs(every.t - 1), every.ray)))
             ray, first = np.unique(every.ray, return_index=True)
