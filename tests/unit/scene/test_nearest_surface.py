@@ -83,17 +83,19 @@ def test_surfaces_that_face_each_other_across_a_gap_are_distinguished(rng):
     radius = rng.uniform(0.202, 0.218, 200)
     x *= (radius / np.linalg.norm(x, axis=1))[:, None]
     found = NearestSurface(scene.snapshot()).find(x)
-    assert np.abs(found.distance - np.minimum(radius - 0.2, 0.22 - radius)).max() < 1e-4
+    error = np.abs(found.distance - np.minimum(radius - 0.2, 0.22 - radius))
+    # Without these walls distinguished, the closest points stay on the discs of the splats, about 1e-4 off.
+    assert np.quantile(error, 0.9) < 1e-5 and error.max() < 1e-3
 
 
 def test_scattered_points_are_spheres(rng):
-    rows = rng.uniform(-1, 1, (30, 3))
-    model, scene = pr.Model(rows, np.full(30, 0.01), scatter="spheres"), pr.Scene()
+    rows = np.stack(np.meshgrid([0, 1, 2], [0, 1, 2], [0, 1, 2]), axis=-1).reshape(-1, 3) + rng.uniform(0, 0.5, (27, 3))
+    model, scene = pr.Model(rows, np.full(27, 0.01), scatter="spheres"), pr.Scene()
     scene.add(model)
     assert model.scattered.all()
     found = NearestSurface(scene.snapshot()).find(rows + [0, 0, 0.03])
     np.testing.assert_allclose(found.distance, 0.02, atol=1e-4)
-    assert found.point.tolist() == list(range(30))
+    assert found.point.tolist() == list(range(27))
 
 
 def test_positions_that_are_not_finite_have_no_closest_point(found_near):
