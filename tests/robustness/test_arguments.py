@@ -151,6 +151,7 @@ def valid_calls(t: Things) -> dict[str, Call]:
         "Model.load": (pr.Model.load, {"path": t.folder / "a.pointray", "memory": 1 << 30}),
         "Model.make_levels": (pr.Model(t.points).make_levels, {}),
         "Model.rebuild": (t.model.rebuild, {"smooth": 0, "surface": "imls"}),
+        "Model.to_mesh": (t.model.to_mesh, {"resolution": 10}),
         "Model.save": (t.model.save, {"path": t.folder / "b.pointray"}),
         "Phong": (pr.Phong, {}),
         "Plane": (pr.Plane, {"point": (0, 0, -1), "normal": (0, 0, 1)}),
