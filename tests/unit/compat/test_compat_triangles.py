@@ -87,6 +87,8 @@ def test_samples_are_spread_by_area(rng):
 def test_triangles_of_mixed_orientation_have_a_warning():
     mixed = CUBE.copy()
     mixed[::2] = mixed[::2, ::-1]
+    with pytest.warns(UserWarning, match="oriented differently"):
+        assert sample_triangles(CORNERS, mixed, 1000)[0].normals is None
     scene = RaycastingScene()
     with pytest.warns(UserWarning) as warned:
         scene.add_triangles(CORNERS, mixed, samples=20_000)

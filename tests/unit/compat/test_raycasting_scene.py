@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from pointray.compat import RaycastingScene
+from pointray.compat import RaycastingScene, occupancy
 
 POINTS = 20_000
 SPACING = np.sqrt(4 * np.pi / POINTS)
@@ -209,6 +209,18 @@ def test_sides_of_an_open_surface_do_not_depend_on_one_ray():
         0,
         0,
     ]
+
+
+def test_rays_through_a_hole_do_not_make_outer_positions_inner(rng, monkeypatch):
+    """Below the lower half of a sphere, rays upwards enter it and leave through its opening: an odd number."""
+    ball = pr.procedural("sphere", 20_000)
+    scene = RaycastingScene()
+    scene.add_points(ball.select(ball.positions[:, 2] < 0))
+    below = rng.uniform([-0.5, -0.5, -1.5], [0.5, 0.5, -1.1], (500, 3))
+    monkeypatch.setattr(occupancy, "DIRECTIONS", np.array([[0.1, 0, 1]] * 3 + [[1, 0.1, 0]] * 3))
+    up = np.concatenate([below, np.tile([0.1, 0, 1], (500, 1))], axis=1)
+    assert scene.count_intersections(up).tolist() == [1] * 500
+    assert not scene.compute_occupancy(below).any()
 
 
 def test_values_beyond_float32_are_finite(points):
