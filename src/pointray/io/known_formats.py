@@ -97,7 +97,7 @@ def extensions() -> list[str]:
 
 def written() -> list[str]:
     """Return the extensions of files that can be written, with the dot, sorted."""
-    return sorted({x for format in _formats().values() if format.write is not None for x in format.extensions})
+    return sorted({extension for format in _formats().values() for extension in format.targets})
 
 
 @dataclass(frozen=True)
@@ -158,9 +158,12 @@ def writer_of(path: str | os.PathLike[str]) -> Writer:
     For .ply it is that of the format PLY, whose module comes before those of Gaussian splats.
     """
     file = check_path(path)
-    for format in _formats().values():
-        if format.write is not None and file.suffix.lower() in format.extensions:
-            if format.extra is not None:
-                require(format.extra[0], format.extra[1], str(file))
-            return format.write
-    raise unsupported_extension(file, written())
+    name = file.name.lower() if file.suffix else ""
+    matching = [(len(x), format) for format in _formats().values() for x in format.targets if name.endswith(x)]
+    if not matching:
+        raise unsupported_extension(file, written())
+    _, format = max(matching, key=lambda match: match[0])  # .copc.laz before .laz
+    assert format.write is not None
+    if format.extra is not None:
+        require(format.extra[0], format.extra[1], str(file))
+    return format.write

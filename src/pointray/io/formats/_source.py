@@ -214,6 +214,8 @@ class Format:
     in_pieces : callable or None
         (first `HEAD` bytes of a file, `Request`) -> whether only parts of the file are needed. `open` then takes a
         `RangedFile` in place of the path of a remote file.
+    written : tuple of str or None
+        Extensions of the files that `write` writes; None: all.
     """
 
     name: str
@@ -224,3 +226,9 @@ class Format:
     extra: tuple[str, str] | None = None
     write: Writer | None = None
     in_pieces: Callable[[bytes, Request], bool] | None = None
+    written: tuple[str, ...] | None = None
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        """Extensions of the files that can be written."""
+        return () if self.write is None else self.extensions if self.written is None else self.written
