@@ -36,15 +36,15 @@ def test_numpy_reads_the_same(rng, tmp_path):
 
 
 @pytest.mark.long
-def test_open3d_and_pandas_read_the_same(rng, tmp_path):
+def test_open3d_and_polars_read_the_same(rng, tmp_path):
     o3d = pytest.importorskip("open3d", exc_type=ImportError)
-    pandas = pytest.importorskip("pandas")
+    polars = pytest.importorskip("polars")
     points = rich_cloud(rng)
     write_points(tmp_path / "a.xyz", points)
     xyz = np.asarray(o3d.io.read_point_cloud(str(tmp_path / "a.xyz")).points)
     np.testing.assert_array_equal((xyz - points.origin).astype(np.float32), points.positions)
     write_points(tmp_path / "a.csv", points)
-    table = pandas.read_csv(tmp_path / "a.csv", float_precision="round_trip")
+    table = polars.read_csv(tmp_path / "a.csv")
     np.testing.assert_array_equal(table["in_i8"], points.attributes["in_i8"])
     np.testing.assert_array_equal(table["in_f8"], points.attributes["in_f8"])
 
