@@ -151,11 +151,13 @@ def formats() -> list[FormatFacts]:
     ]
 
 
-def writer_of(path: str | os.PathLike[str]) -> Writer:
+def writer_of(path: str | os.PathLike[str], compressed: bool = False) -> Writer:
     """Return the function that writes files with the extension of `path`; ValueError if there is none.
 
     It takes an output stream, the points and a progress callback, and returns what the format cannot store, in words.
     For .ply it is that of the format PLY, whose module comes before those of Gaussian splats.
+
+    compressed : whether the format's compressed variant is written
     """
     file = check_path(path)
     name = file.name.lower() if file.suffix else ""
@@ -163,7 +165,10 @@ def writer_of(path: str | os.PathLike[str]) -> Writer:
     if not matching:
         raise unsupported_extension(file, written())
     _, format = max(matching, key=lambda match: match[0])  # .copc.laz before .laz
-    assert format.write is not None
+    writer = format.write_compressed if compressed else format.write
+    if writer is None:
+        known = [x for one in _formats().values() if one.write_compressed is not None for x in one.targets]
+        raise ValueError(f"{file}: compressed applies to {', '.join(known)} only")
     if format.extra is not None:
         require(format.extra[0], format.extra[1], str(file))
-    return format.write
+    return writer

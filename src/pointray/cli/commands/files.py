@@ -179,6 +179,7 @@ def convert(
     splats: Annotated[bool, single(OUTPUT, None, SPLATS, "--splats")] = False,
     light: Annotated[list[str] | None, single(LIGHT, "LIGHT", BAKED)] = None,
     up: Annotated[str, single(LIGHT, "AXIS", "Up direction for --light; auto: found from the shape.")] = AUTO,
+    compressed: CompressedOption = False,
     force: ForceOption = False,
 ) -> None:
     """Write a scan in another format; the command prints what that format cannot store.
@@ -187,4 +188,4 @@ def convert(
     """
     from ..convert import SplatOptions, convert as work
 
-    print(work(files, reading, output, force, SplatOptions(splats, light, up)))
+    print(work(files, reading, output, force, SplatOptions(splats, light, up), compressed))

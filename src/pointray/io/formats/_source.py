@@ -216,6 +216,8 @@ class Format:
         `RangedFile` in place of the path of a remote file.
     written : tuple of str or None
         Extensions of the files that `write` writes; None: all.
+    write_compressed : callable or None
+        Like `write`, for smaller files of the same format.
     """
 
     name: str
@@ -227,6 +229,7 @@ class Format:
     write: Writer | None = None
     in_pieces: Callable[[bytes, Request], bool] | None = None
     written: tuple[str, ...] | None = None
+    write_compressed: Writer | None = None
 
     @property
     def targets(self) -> tuple[str, ...]:

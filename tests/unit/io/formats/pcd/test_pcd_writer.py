@@ -6,14 +6,12 @@ import pytest
 import pointray as pr
 from helpers.places import shared_model
 from helpers.written_clouds import FAR, check_same, rich_cloud, with_nan, with_scans, written
-from pointray.base.atomic_write import replacing
 from pointray.io.files import read, write_points
 from pointray.io.formats.pcd import _write
 
 
 def write_compressed(path, points):
-    with replacing(path) as file:
-        return _write.write_compressed(file, points)
+    return write_points(path, points, compressed=True)
 
 
 def test_everything_is_restored(rng, tmp_path):
