@@ -255,8 +255,8 @@ FORMAT = Format(
         "colors": "rgb or rgba, packed in one number; r, g, b or red, green, blue",
         "attributes": "all other fields except padding, with their types",
         "survey": "the viewpoint, as the scanner position",
-        "note": "rows without a return (NaN) are kept; written as binary; with --compressed (in Python compressed=True) "
-        "as binary_compressed (pip install 'pointray[pcd]'); x, y, z are float64 if the coordinates are large, which "
+        "note": "rows without a return (NaN) are kept; written as binary; with --compressed, or compressed=True, as "
+        "binary_compressed (pip install 'pointray[pcd]'); x, y, z are float64 if the coordinates are large, which "
         "PCL cannot read",
     },
     write=write,

@@ -163,6 +163,9 @@ def test_damaged_files_are_refused(rng, tmp_path):
         bad.write_bytes(whole[:length])
         with pytest.raises(ValueError, match=r"b\.glb: (is cut off|is damaged|invalid)"):
             read(bad)
+    bad.write_bytes(whole.replace(b'"count":400', b'"count":499'))  # of all attributes
+    with pytest.raises(ValueError, match=r"b\.glb: is damaged: 499 values of the attribute"):
+        read(bad)
     for old, new in (
         (b'"count":400', b'"count":-40'),
         (b'"count":400', b'"count":499'),

@@ -68,3 +68,9 @@ def test_a_tolerance_saves_decimals(rng):
     texts = words(floats(numbers, lambda found, rows: np.abs(found - numbers[rows]) < 0.006))
     assert all(len(word.partition(".")[2]) <= 2 for word in texts)
     np.testing.assert_allclose(np.array(texts, np.float64), numbers, rtol=0, atol=0.006)
+
+
+def test_large_numbers_beside_many_decimals(rng):
+    """Those that an integer in steps of the last decimal cannot hold are written by themselves."""
+    numbers = np.concatenate([np.round(rng.random(600), 15), [123456.5, -98765432.25]])
+    np.testing.assert_array_equal([float(word) for word in words(texts_of(numbers))], numbers)
