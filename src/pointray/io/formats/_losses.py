@@ -18,11 +18,16 @@ def georeference_losses(points: Points, kept: Sequence[str] = ()) -> Losses:
     kept : fields that it stores: "crs", "unit", "stations"
     """
     known = points.georeference
-    fields = {"crs": "the coordinate system", "unit": "the unit", "stations": "the scanner positions"}
+    fields = {"crs": "the coordinate system", "unit": f"the unit {known.unit}", "stations": "the scanner positions"}
     lost = [name for name in fields if getattr(known, name) and name not in kept]
-    if known.crs and "unit" in lost:  # the coordinate system states it
+    if "unit" in lost and (known.crs or is_metre(known.unit)):  # the coordinate system states it, or it is usual
         lost.remove("unit")
     return [f"cannot store {fields[name]}" for name in lost]
+
+
+def is_metre(unit: str | None) -> bool:
+    """Whether the name of a unit means metres."""
+    return unit is not None and unit.lower() in ("metre", "meter", "m")
 
 
 def column_losses(points: Points, normals: bool, attributes: Iterable[str]) -> Losses:

@@ -14,14 +14,12 @@ import numpy as np
 
 from ....base.progress import Progress, report_progress
 from ....cloud.points import Points
-from .._losses import Losses, georeference_losses
+from .._losses import Losses, georeference_losses, is_metre
 from .._source import CHUNK
 from .._stations import Scan, scans_to_write
 from ._fields import NORMAL_PREFIX, NORMAL_URI, PREFIX, STATE, URI, Field, fields_of
 from ._header import read_xml
 from ._scan import CARTESIAN, COLORS
-
-METRE = ("metre", "meter", "m")
 
 
 def write(file: Any, points: Points, progress: Progress | None = None) -> Losses:
@@ -31,7 +29,7 @@ def write(file: Any, points: Points, progress: Progress | None = None) -> Losses
     losses: Losses = []
     scans = scans_to_write(points, losses)
     unit = points.georeference.unit if points.georeference.projection is None else "degree"
-    if unit is not None and unit.lower() not in METRE:
+    if unit is not None and not is_metre(unit):
         losses.append(f"cannot store the unit {unit}: coordinates in E57 files are metres")
     losses += georeference_losses(points, ("crs", "unit", "stations"))
     missing = len(points) - int(np.count_nonzero(points.finite))

@@ -17,7 +17,7 @@ from ....base.arrays import Doubles, Rows
 from ....base.memory import check_memory
 from ....base.progress import Progress, part_of, report_progress
 from ....cloud.points import Points
-from .._losses import Losses
+from .._losses import Losses, is_metre
 from .._source import NO, Format
 from . import las
 from ._copc import ENTRY
@@ -29,7 +29,7 @@ from ._write import recording_errors
 FORMATS = (6, 7, 8)  # point formats that COPC allows
 BATCH = 1 << 18  # approximate number of points compressed at a time
 INFO, PAGE = 1, 1000  # numbers of the records with the octree and with its nodes
-BYTES = 34  # of memory that the octree takes for a point
+BYTES = 56  # of memory that the octree takes for a point
 BUILT = 0.2  # fraction of the time that the octree takes
 
 
@@ -161,8 +161,9 @@ def _require_wkt(header: Any, points: Points, losses: Losses) -> None:
     if header.vlrs.get_by_id(USER, [KEYS]):
         header.vlrs = [record for record in header.vlrs if (record.user_id, record.record_id) != (USER, KEYS)]
         known = points.georeference
-        what = f"the coordinate system {known.crs}: install pyproj" if known.crs else f"the unit {known.unit}"
-        losses.append(f"cannot store {what}")
+        if known.crs or not is_metre(known.unit):
+            what = f"the coordinate system {known.crs}: install pyproj" if known.crs else f"the unit {known.unit}"
+            losses.append(f"cannot store {what}")
 
 
 FORMAT = Format(

@@ -152,3 +152,9 @@ def test_a_real_scan_is_restored(tmp_path):
     np.testing.assert_allclose(again.world, points.world[order], rtol=0, atol=1e-5)
     np.testing.assert_array_equal(again.colors, points.colors[order])
     check_octree(tmp_path / "a.copc.laz", points)
+
+
+def test_units_without_a_coordinate_system(rng, tmp_path):
+    for unit, losses in (("foot", ["cannot store the unit foot"]), ("metre", [])):
+        points = surface(rng, 30).changed(georeference=pr.Georeference(unit=unit))
+        assert written(tmp_path / "a.copc.laz", points)[0] == losses

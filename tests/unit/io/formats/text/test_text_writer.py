@@ -92,7 +92,8 @@ def test_the_georeference_is_reported(rng, tmp_path):
     losses, _ = written(tmp_path / "a.xyz", rich_cloud(rng, georeference=known))
     assert losses == ["cannot store the coordinate system", "cannot store the scanner positions"]
     losses, _ = written(tmp_path / "a.xyz", rich_cloud(rng, georeference=pr.Georeference(unit="foot")))
-    assert losses == ["cannot store the unit"]
+    assert losses == ["cannot store the unit foot"]
+    assert written(tmp_path / "a.xyz", rich_cloud(rng, georeference=pr.Georeference(unit="metre")))[0] == []
 
 
 def test_several_blocks(rng, tmp_path, monkeypatch):
