@@ -8,7 +8,7 @@ import pointray as pr
 from pointray.io.files import write_points
 
 N = 400
-FAR = (512_345.0, 5_412_345.0, 250.0)
+FAR = (512_350.0, 5_412_350.0, 250.0)  # the centre of 100 units beyond is far from where its rounding changes
 STATIONS = ((512_340.25, 5_412_340.5, 251.0), (512_390.5, 5_412_300.125, 252.5), (512_300.0, 5_412_390.0, 260.0))
 
 

@@ -1,5 +1,7 @@
 """Text files as pointray writes them, read again by pointray and NumPy."""
 
+from dataclasses import replace
+
 import laspy
 import numpy as np
 import pytest
@@ -115,3 +117,20 @@ def test_a_real_scan_is_restored(tmp_path, ending):
     losses, again = written(tmp_path / f"a.{ending}", points)
     assert losses == []
     check_same(points, again)
+
+
+@pytest.mark.parametrize("ending", ["csv", "pcd", "ptx", "copc.laz", "e57"])
+def test_degrees_are_written_again(rng, tmp_path, ending):
+    """Points that were read from longitudes and latitudes are in metres, and files of all formats in degrees."""
+    if ending == "e57":
+        pytest.importorskip("pye57")
+    degrees = np.round(rng.random((200, 3)) * [0.01, 0.01, 20] + [8, 50, 100], 9)
+    rows = ["longitude,latitude,height", *(",".join(f"{x:.9f}" for x in row) for row in degrees)]
+    (tmp_path / "a.csv").write_text("\n".join(rows))
+    with pytest.warns(UserWarning, match="longitude and latitude"):
+        points = read(tmp_path / "a.csv")
+    points = points.changed(georeference=replace(points.georeference, crs="EPSG:4326"))
+    _, again = written(tmp_path / f"b.{ending}", points)
+    order = np.lexsort(again.world.T), np.lexsort(points.world.T)  # COPC has an order of its own
+    np.testing.assert_allclose(again.world[order[0]], points.world[order[1]], rtol=0, atol=2e-3)
+    assert again.georeference.projection is not None
