@@ -170,7 +170,7 @@ FORMAT = Format(
     "COPC",
     (".copc.laz",),
     lambda head, path: NO,  # read as LAS
-    las.LasSource,
+    las.FORMAT.open,
     {
         **las.FORMAT.keeps,
         "note": "read like LAS; with bounds or resolution only the nodes needed; written with point formats 6 to 8, "
