@@ -39,6 +39,7 @@ MEMORY = (
     "Make a model in parts part by part if it needs more memory than this on a machine, such as 4GiB; an interrupted "
     "run continues. Default: the available memory."
 )
+CompressedOption = Annotated[bool, single(OUTPUT, None, "Write PCD as binary_compressed.", "--compressed")]
 ForceOption = Annotated[bool, single(OUTPUT, None, "Allow the result to overwrite an input.", "--force")]
 JsonOption = Annotated[bool, single(OUTPUT, None, "Print JSON.", "--json")]
 
