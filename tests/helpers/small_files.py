@@ -8,6 +8,7 @@ from __future__ import annotations
 import gzip
 import io
 import struct
+import warnings
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from pathlib import Path
@@ -39,6 +40,7 @@ def small_scans(folder: Path) -> dict[str, list[Path]]:
         "spz": ("backports.zstd", _spz),
         "splat": ("numpy", _splat),
         "pcd": ("numpy", _pcd),
+        "glb-points": ("numpy", _glb),
         "text": ("numpy", _text),
         "ptx": ("numpy", _ptx),
         "kitti": ("numpy", _kitti),
@@ -84,7 +86,9 @@ def full_points(attributes: bool = True) -> pr.Points:
 def _written(folder: Path, extension: str) -> Iterator[Path]:
     for attributes in (True, False) if extension in written() else ():
         path = folder / f"own-{int(attributes)}{extension}"
-        pr.write(path, full_points(attributes))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # not all formats keep all
+            pr.write(path, full_points(attributes))
         yield path
 
 
@@ -113,6 +117,7 @@ def _copc(folder: Path) -> Iterator[Path]:
     import laspy
     import lazrs
 
+    yield from _written(folder, ".copc.laz")
     rng, rows, nodes = np.random.default_rng(4), 90, [(0, 0, 0, 0), (1, 0, 0, 0), (1, 1, 1, 1)]
     las = laspy.LasData(laspy.LasHeader(version="1.4", point_format=7))
     las.x, las.y, las.z = rng.random((3, rows)) * 100
@@ -158,6 +163,7 @@ def _copc(folder: Path) -> Iterator[Path]:
 def _e57(folder: Path) -> Iterator[Path]:
     from helpers import e57_files as own
 
+    yield from _written(folder, ".e57")
     columns = own.xyz_columns()
     yield own.save(folder / "bare.e57", (columns, {}))
     normals = {f"nor:normal{a}": own.Column(c, "single") for a, c in zip("XYZ", own.NORMALS.T, strict=True)}
@@ -202,9 +208,14 @@ def _splat(folder: Path) -> Iterator[Path]:
     yield folder / "a.splat"
 
 
+def _glb(folder: Path) -> Iterator[Path]:
+    yield from _written(folder, ".glb")
+
+
 def _pcd(folder: Path) -> Iterator[Path]:
     from helpers import pcd_files as own
 
+    yield from _written(folder, ".pcd")
     for encoding in own.ENCODINGS:
         yield own.save(folder / f"{encoding}.pcd", encoding=encoding)
 
@@ -212,6 +223,7 @@ def _pcd(folder: Path) -> Iterator[Path]:
 def _text(folder: Path) -> Iterator[Path]:
     from helpers import text_files as own
 
+    yield from _written(folder, ".csv")
     yield own.save(folder / "a.xyz", own.XYZ, own.RGB)
     yield own.save(folder / "b.csv", own.XYZ, own.NORMALS, header="x,y,z,nx,ny,nz\n", separator=",")
     yield own.save(folder / "c.txt", own.XYZ, own.INTENSITY, separator=";", decimal=",")
@@ -221,6 +233,7 @@ def _text(folder: Path) -> Iterator[Path]:
 def _ptx(folder: Path) -> Iterator[Path]:
     from helpers import ptx_files as own
 
+    yield from _written(folder, ".ptx")
     yield own.save(folder, own.FIRST + own.SECOND)
 
 

@@ -101,10 +101,19 @@ def test_a_failure_keeps_the_old_file(scan, capsys, monkeypatch):
         raise OSError(28, "No space left on device")
 
     Path("b.ply").write_bytes(MARK)
-    monkeypatch.setattr(files, "writer_of", lambda path: full)
+    monkeypatch.setattr(files, "writer_of", lambda path, compressed: full)
     status, out, err = run(capsys, "a.ply", "b.ply")
     assert (status, out) == (1, "") and "No space left on device" in err
     assert Path("b.ply").read_bytes() == MARK and sorted(p.name for p in Path().iterdir()) == ["a.ply", "b.ply"]
+
+
+def test_compressed_applies_to_pcd(scan, capsys):
+    pytest.importorskip("lzf", exc_type=ImportError)
+    assert run(capsys, "a.ply", "b.pcd", "--compressed")[0] == 0
+    assert b"DATA binary_compressed\n" in Path("b.pcd").read_bytes()
+    assert len(pr.read("b.pcd")) == 500
+    status, _, err = run(capsys, "a.ply", "b.las", "--compressed")
+    assert status != 0 and "compressed applies to .pcd only" in err and not Path("b.las").exists()
 
 
 # ------------------------------------------------------------------------------------------------ Gaussian splats

@@ -57,7 +57,7 @@ writers = {
     "picture.jpg": lambda file: pr.write_image(file, image),
     "picture.exr": lambda file: pr.write_image(file, image),
     "layers.npz": lambda file: pr.write_layers(file, {"radiance": image, "depth": image[..., 0]}),
-    "points.ply": lambda file: pr.write(file, points),
+    **{name: lambda file: pr.write(file, points) for name in names if name.startswith("points.")},
     "model.pointray": lambda file: model.save(file),
     "light.bake": lambda file: light.save(file),
     "film.mp4": lambda file: write_mp4(file, pictures, 3, 24, (36, 40)),
@@ -88,6 +88,7 @@ signal.signal(signal.SIGXFSZ, signal.SIG_IGN)  # else the first byte beyond the 
 print(json.dumps({name: sweep(folder / name / name, writers[name]) for name in names}))
 """
 NAMES = "picture.png", "picture.jpg", "layers.npz", "points.ply", "%04d.png.json"
+SCANS = "points.pcd", "points.csv", "points.ptx", "points.glb", "points.laz", "points.copc.laz"
 OF_MODELS = "model.pointray", "light.bake"
 
 
@@ -107,6 +108,13 @@ def sweep(folder, *names, pictures="", **variables):
 def test_a_file_that_is_cut_off_anywhere_does_not_replace_the_old_one(tmp_path):
     has_exr = importlib.util.find_spec("OpenEXR") is not None
     sweep(tmp_path, *NAMES, *(["picture.exr"] if has_exr else []))
+
+
+@pytest.mark.long
+def test_a_scan_that_is_cut_off_does_not_replace_the_old_one(tmp_path):
+    """Writers that seek, or that use a library which hides errors, notice it too."""
+    has_pye57 = importlib.util.find_spec("pye57") is not None
+    sweep(tmp_path, *SCANS, *(["points.e57"] if has_pye57 else []))
 
 
 @pytest.mark.long

@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from ..io.known_formats import writer_of
 from ..io.remote.remote_file import Location
 from ..model.scan_inputs import check_not_input, check_result
 from .options import up_axis
@@ -47,12 +48,22 @@ class SplatOptions(NamedTuple):
         return found
 
 
-def convert(paths: Sequence[Location], reading: Reading, output: Path, force: bool, splats: SplatOptions) -> str:
+def convert(
+    paths: Sequence[Location],
+    reading: Reading,
+    output: Path,
+    force: bool,
+    splats: SplatOptions,
+    compressed: bool = False,
+) -> str:
     """Read a scan and write it in the format of the output's extension; return the lines that the command prints.
 
     force : whether the output may overwrite an input; splats : options for Gaussian splats
+    compressed : whether the compressed variant of PCD is written
     """
     check_result(output)
+    if compressed:
+        writer_of(output, compressed)
     as_splats = splats.check(output)
     scan = scan_of(paths, reading)
     check_not_input(scan.files, output, force)
@@ -62,18 +73,18 @@ def convert(paths: Sequence[Location], reading: Reading, output: Path, force: bo
     with Progress() as progress:
         progress.show("reading", 0.0)
         points, model = in_background(lambda: read_scan(scan, progress.show))
-        write = partial(_write_splats, model=model) if as_splats else _write
+        write = partial(_write_splats, model=model) if as_splats else partial(_write, compressed=compressed)
         progress.show("writing", 0.0)
         with writing(output):
             lost = in_background(lambda: write(output, points, progress))
     return "; ".join([f"{output}: {len(points):,} points", *lost])
 
 
-def _write(output: Path, points: Any, progress: Progress) -> list[str]:
+def _write(output: Path, points: Any, progress: Progress, compressed: bool) -> list[str]:
     """Write points to a file and return messages about what its format cannot store."""
     from ..io.files import write_points
 
-    return write_points(output, points, lambda share: progress.show("writing", share))
+    return write_points(output, points, lambda share: progress.show("writing", share), compressed)
 
 
 def _write_splats(output: Path, points: Any, progress: Progress, model: Any = None) -> list[str]:

@@ -203,7 +203,9 @@ def check_readable(path: str | os.PathLike[str] | RemoteFile, request: Request |
             pass
 
 
-def write(path: str | os.PathLike[str], points: PointsLike, progress: StageProgress | None = None) -> None:
+def write(
+    path: str | os.PathLike[str], points: PointsLike, progress: StageProgress | None = None, *, compressed: bool = False
+) -> None:
     """Write a point cloud with all its arrays. The extension of the file selects the format; `formats` lists them all.
 
     Parameters
@@ -214,6 +216,9 @@ def write(path: str | os.PathLike[str], points: PointsLike, progress: StageProgr
         Written in world coordinates. A warning names what the format cannot store.
     progress : callable, optional
         Called as `progress(stage, share)` with the name of the stage and its completed share, 0 to 1.
+    compressed : bool
+        Write PCD as binary_compressed instead of binary. Other formats are compressed or not by their extension: .laz,
+        .las.
 
     Raises
     ------
@@ -224,7 +229,8 @@ def write(path: str | os.PathLike[str], points: PointsLike, progress: StageProgr
     ImportError
         If the format needs a package that is not installed.
     ValueError
-        If no format with this extension can be written, or the format cannot store the name of an attribute.
+        If no format with this extension can be written, or not `compressed`, or the format cannot store the name of an
+        attribute.
 
     Examples
     --------
@@ -233,17 +239,21 @@ def write(path: str | os.PathLike[str], points: PointsLike, progress: StageProgr
     1000
     """
     arguments.check_callback(progress)
-    for lost in write_points(path, points, in_stage(progress, "writing")):
+    for lost in write_points(path, points, in_stage(progress, "writing"), compressed):
         warn(f"{path}: {lost}", stacklevel=2)
 
 
-def write_points(path: str | os.PathLike[str], points: PointsLike, progress: Progress | None = None) -> list[str]:
+def write_points(
+    path: str | os.PathLike[str], points: PointsLike, progress: Progress | None = None, compressed: bool = False
+) -> list[str]:
     """Write a point cloud in the format that the extension of the file selects; return what the format cannot store.
 
     Each item of the list is a text for the user, such as "cannot store the scanner positions".
+
+    compressed : whether the format's compressed variant is written
     """
     points = check_points(points)
-    writer = writer_of(path)
+    writer = writer_of(path, arguments.check_flag(compressed, "compressed"))
     with replacing(path) as beside:
         return writer(beside, points, progress)
 

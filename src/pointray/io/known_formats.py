@@ -97,7 +97,7 @@ def extensions() -> list[str]:
 
 def written() -> list[str]:
     """Return the extensions of files that can be written, with the dot, sorted."""
-    return sorted({x for format in _formats().values() if format.write is not None for x in format.extensions})
+    return sorted({extension for format in _formats().values() for extension in format.targets})
 
 
 @dataclass(frozen=True)
@@ -151,16 +151,24 @@ def formats() -> list[FormatFacts]:
     ]
 
 
-def writer_of(path: str | os.PathLike[str]) -> Writer:
+def writer_of(path: str | os.PathLike[str], compressed: bool = False) -> Writer:
     """Return the function that writes files with the extension of `path`; ValueError if there is none.
 
     It takes an output stream, the points and a progress callback, and returns what the format cannot store, in words.
     For .ply it is that of the format PLY, whose module comes before those of Gaussian splats.
+
+    compressed : whether the format's compressed variant is written
     """
     file = check_path(path)
-    for format in _formats().values():
-        if format.write is not None and file.suffix.lower() in format.extensions:
-            if format.extra is not None:
-                require(format.extra[0], format.extra[1], str(file))
-            return format.write
-    raise unsupported_extension(file, written())
+    name = file.name.lower() if file.suffix else ""
+    matching = [(len(x), format) for format in _formats().values() for x in format.targets if name.endswith(x)]
+    if not matching:
+        raise unsupported_extension(file, written())
+    _, format = max(matching, key=lambda match: match[0])  # .copc.laz before .laz
+    writer = format.write_compressed if compressed else format.write
+    if writer is None:
+        known = [x for one in _formats().values() if one.write_compressed is not None for x in one.targets]
+        raise ValueError(f"{file}: compressed applies to {', '.join(known)} only")
+    if format.extra is not None:
+        require(format.extra[0], format.extra[1], str(file))
+    return writer

@@ -39,6 +39,7 @@ MEMORY = (
     "Make a model in parts part by part if it needs more memory than this on a machine, such as 4GiB; an interrupted "
     "run continues. Default: the available memory."
 )
+CompressedOption = Annotated[bool, single(OUTPUT, None, "Write PCD as binary_compressed.", "--compressed")]
 ForceOption = Annotated[bool, single(OUTPUT, None, "Allow the result to overwrite an input.", "--force")]
 JsonOption = Annotated[bool, single(OUTPUT, None, "Print JSON.", "--json")]
 
@@ -179,6 +180,7 @@ def convert(
     splats: Annotated[bool, single(OUTPUT, None, SPLATS, "--splats")] = False,
     light: Annotated[list[str] | None, single(LIGHT, "LIGHT", BAKED)] = None,
     up: Annotated[str, single(LIGHT, "AXIS", "Up direction for --light; auto: found from the shape.")] = AUTO,
+    compressed: CompressedOption = False,
     force: ForceOption = False,
 ) -> None:
     """Write a scan in another format; the command prints what that format cannot store.
@@ -187,4 +189,4 @@ def convert(
     """
     from ..convert import SplatOptions, convert as work
 
-    print(work(files, reading, output, force, SplatOptions(splats, light, up)))
+    print(work(files, reading, output, force, SplatOptions(splats, light, up), compressed))

@@ -5,7 +5,8 @@ formats share a folder. Modules whose names begin with _ are helpers. To add a f
 nothing else needs to be registered.
 
 _source : interface of the readers; _named_columns, _unnamed_columns : meaning of columns, by name or by values;
-_world : coordinates to be written; _counts : comparison of announced counts with the contents;
+_world : coordinates to be written; _stations : points of each scanner to be written; _losses : what is not stored;
+_counts : comparison of announced counts with the contents;
 _packed_colors : colours packed in one number; _odd_numbers : NaN and infinity as Microsoft's C library writes them
 ply : text and binary
 las : LAS, LAZ and COPC

@@ -214,6 +214,10 @@ class Format:
     in_pieces : callable or None
         (first `HEAD` bytes of a file, `Request`) -> whether only parts of the file are needed. `open` then takes a
         `RangedFile` in place of the path of a remote file.
+    written : tuple of str or None
+        Extensions of the files that `write` writes; None: all.
+    write_compressed : callable or None
+        Like `write`, for smaller files of the same format.
     """
 
     name: str
@@ -224,3 +228,10 @@ class Format:
     extra: tuple[str, str] | None = None
     write: Writer | None = None
     in_pieces: Callable[[bytes, Request], bool] | None = None
+    written: tuple[str, ...] | None = None
+    write_compressed: Writer | None = None
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        """Extensions of the files that can be written."""
+        return () if self.write is None else self.extensions if self.written is None else self.written

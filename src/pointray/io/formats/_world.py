@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ...cloud.geographic import in_file
 from ...cloud.georeference import RESIDUAL, numbers_of
-from ...cloud.points import Points
+from ...cloud.points import Points, are_finite
 
 
 def is_float64(points: Points) -> bool:
@@ -20,8 +20,8 @@ def is_float64(points: Points) -> bool:
     return bool(points.origin.any()) or points.georeference.projection is not None or _has_grid(points)
 
 
-def world_rows(points: Points, part: slice) -> NDArray[Any]:
-    """Return the world coordinates of a range of rows, (m, 3) float64, or float32 if nothing is lost.
+def world_rows(points: Points, part: slice | NDArray[np.integer[Any]]) -> NDArray[Any]:
+    """Return the world coordinates of some rows, (m, 3) float64, or float32 if nothing is lost.
 
     Points of files with integer coordinates keep the rounding errors of float32 in an attribute, in integer steps. They
     are added, which restores the coordinates of the original file exactly.
@@ -30,7 +30,7 @@ def world_rows(points: Points, part: slice) -> NDArray[Any]:
         return points.positions[part]
     world = in_file(points.georeference, points.positions[part] + points.origin)
     if _has_grid(points):
-        georeference, finite = points.georeference, points.finite[part]
+        georeference, finite = points.georeference, are_finite(points.positions[part])
         numbers = numbers_of(georeference, world) + points.attributes[RESIDUAL][part]
         world[finite] = (np.array(georeference.offset) + np.array(georeference.scale) * numbers)[finite]
     return world

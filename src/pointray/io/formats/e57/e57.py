@@ -20,8 +20,10 @@ from ....cloud.georeference import SCAN, Georeference
 from ...colors import GREY
 from .._counts import count_mismatch
 from .._source import NO, SURE, Chunk, Faults, Format, Listing, Request, Source
+from ._fields import PREFIX
 from ._header import MAGIC, read_xml
 from ._scan import CARTESIAN, SPHERICAL, STATES, Field, Scan, scans_of
+from ._write import write
 
 BLOCK = 1 << 18  # rows read at a time: a million take 0.1 GiB more and are not faster
 MOST_STEPS = 2**31  # largest integer coordinate for which the file's grid is kept
@@ -149,7 +151,12 @@ def _others(scan: Scan) -> list[str]:
 
 
 def _plain(name: str) -> str:
-    """Return the attribute's name for a column: row_index for "rowIndex"; the prefix of an extension is dropped."""
+    """Return the attribute's name for a column: row_index for "rowIndex"; the prefix of an extension is dropped.
+
+    Names of the extension that pointray writes are kept.
+    """
+    if name.startswith(f"{PREFIX}:"):
+        return name.removeprefix(f"{PREFIX}:")
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name.rpartition(":")[2]).lower()
 
 
@@ -278,7 +285,9 @@ FORMAT = Format(
         "attributes": "intensity, row_index, column_index, time_stamp, return_index and all other numeric columns, "
         "in the smallest type for the limits in the file; scaled integers as float64; scan: the number of the scan",
         "survey": "coordinateMetadata as the coordinate system; metres; scanner positions",
-        "note": "images are ignored",
+        "note": "images are ignored; written with one scan for each scanner position (attribute scan), without "
+        "rotation; attributes that E57 does not define are columns of an extension",
     },
     extra=("pye57", "e57"),
+    write=write,
 )

@@ -24,6 +24,7 @@ from .._odd_numbers import plain_lines
 from .._packed_colors import PackedColors, find_packed
 from .._source import CHUNK, NO, SURE, Chunk, Faults, Format, Listing, Request, Source
 from ._header import PADDING, Field, Header, read_header
+from ._write import write, write_compressed
 
 CHUNK_BYTES = 1 << 25  # maximum bytes of rows read at a time
 SPARE = 1 << 13  # maximum number of zeros after the data, as left by old versions of PCL
@@ -254,6 +255,10 @@ FORMAT = Format(
         "colors": "rgb or rgba, packed in one number; r, g, b or red, green, blue",
         "attributes": "all other fields except padding, with their types",
         "survey": "the viewpoint, as the scanner position",
-        "note": "rows without a return (NaN) are kept",
+        "note": "rows without a return (NaN) are kept; written as binary; with --compressed, or compressed=True, as "
+        "binary_compressed (pip install 'pointray[pcd]'); x, y, z are float64 if the coordinates are large, which "
+        "PCL cannot read",
     },
+    write=write,
+    write_compressed=write_compressed,
 )

@@ -18,6 +18,7 @@ from .._counts import count_mismatch
 from .._source import MAYBE, NO, SURE, Chunk, Faults, Format, Listing, Request, Source
 from ._lines import is_binary, is_ptx, shortened
 from ._ptx_headers import Scan, newline_of, scans_of
+from ._ptx_write import write
 
 FAR = 10  # in diagonals of the point cloud: a scanner farther away than this cannot have been there
 
@@ -142,5 +143,8 @@ FORMAT = Format(
         "colors": "8 bits",
         "attributes": "intensity; scan, if the file has several",
         "survey": "the scanner position of each scan",
+        "note": "written with one scan for each scanner position (attribute scan): as its grid, if row_index and "
+        "column_index give one, otherwise as a single column",
     },
+    write=write,
 )

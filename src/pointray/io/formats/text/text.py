@@ -13,6 +13,7 @@ from pathlib import Path
 
 from .._source import HEAD, MAYBE, NO, SURE, Format, Request, Source
 from ._lines import UTF8, UTF16, is_binary, is_ptx, numbers_in, top_of
+from ._write import WRITTEN, write
 
 EXTENSIONS = (".xyz", ".txt", ".csv", ".asc", ".pts", ".xyzn", ".xyzrgb", ".xyzi", ".neu", ".tsv", ".dat")
 OTHERS = re.compile(rb"\s*(ply\s|[A-Z]*OFF\s|#\s*\.PCD|solid|<|\{|\[|v[nt]?\s|%PDF|ASTM-E57|LASF)")
@@ -57,6 +58,10 @@ FORMAT = Format(
         "normals": "columns nx, ny, nz",
         "colors": "columns r, g, b or red, green, blue: integers, or floats from 0 to 1 or 255",
         "attributes": "all other columns; integers stay integers",
-        "note": "columns are named by --columns or a header, otherwise recognised from the first rows",
+        "note": "columns are named by --columns or a header, otherwise recognised from the first rows; written as "
+        ".xyz, .txt and .asc (blanks, names in a comment), .csv (commas) and .tsv (tabs), with as few decimals as "
+        "restore the points",
     },
+    write=write,
+    written=WRITTEN,
 )
