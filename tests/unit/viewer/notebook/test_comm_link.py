@@ -52,9 +52,16 @@ def test_a_page_that_does_not_read_is_disconnected(link, posted):
     assert len(posted) == count
 
 
-@pytest.mark.parametrize("count", [-(1 << 80), 0, 1 << 80])
-def test_wrong_acknowledgements_do_not_widen_the_window(link, posted, count):
+@pytest.mark.parametrize("count", [-(1 << 80), -1 - MIB, 0])
+def test_acknowledgements_of_nothing_have_no_effect(link, posted, count):
+    for _ in range(10):
+        link.send(bytes(MIB))
     link.acknowledge(count)
+    assert len(posted) == WINDOW // MIB
+
+
+def test_acknowledgements_of_too_much_do_not_widen_the_window(link, posted):
+    link.acknowledge(1 << 80)
     for _ in range(10):
         link.send(bytes(MIB))
     assert len(posted) == WINDOW // MIB
@@ -76,11 +83,14 @@ def test_a_file_is_sent_in_pieces_as_the_page_reads_them(link, posted, tmp_path)
     assert [content["piece"] for content, _ in posted] == ["more"] * (len(posted) - 1) + ["last"]
 
 
-def test_a_file_ends_with_the_connection(link, tmp_path):
+def test_a_file_ends_with_the_connection(link, posted, tmp_path):
     file = tmp_path / "film.mp4"
     file.write_bytes(bytes(8 * PIECE))
-    thread = threading.Thread(target=link.send_file, args=(b"header", file))
+    thread = threading.Thread(target=link.send_file, args=(b"header", file), daemon=True)
     thread.start()
+    while len(posted) <= WINDOW // PIECE:
+        thread.join(0.001)
+    thread.join(0.05)  # it waits now, almost certainly; the test holds in either case
     link.close()
     thread.join(SECONDS)
     assert not thread.is_alive()

@@ -97,7 +97,12 @@ def test_a_change_of_the_scene_appears(visit, scene):
     page.finished(SAMPLES)
     scene.add(pr.Plane((0, 0, 0), (0, 0, 1)))
     wanted = expected(scene, page.last("camera"), SAMPLES)
-    page.wait(lambda: np.abs(levels_in(page.frames[-1][1]) - wanted).mean() < CLOSE)
+
+    def shows_it():
+        header, picture = page.frames[-1]
+        return header["samples"] == SAMPLES and np.abs(levels_in(picture) - wanted).mean() < CLOSE
+
+    page.wait(shows_it)
 
 
 def test_views_have_cameras_of_their_own_and_python_moves_all(visit, views):
