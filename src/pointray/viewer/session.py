@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
+import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -28,6 +29,7 @@ log = logging.getLogger("pointray.view")
 
 MAX_LOGGED = 10  # invalid messages logged for each page
 COSTLY = frozenset({"press", "pick", "view"})  # message types with a rate limit
+AUTOMATIC = frozenset({"seen", "size"})  # message types that the page sends without input by the user
 COSTLY_RATE = 50.0  # messages a second; bursts of twice as many are allowed
 TURN = 180.0  # degrees that the sun turns for a drag over the window's height
 
@@ -45,12 +47,18 @@ class Session:
         The scene that all browsers show.
     ended : callable
         Called with the session when the browser has disconnected.
+
+    Attributes
+    ----------
+    used : float
+        When the user last did something on the page, or opened it, by `time.monotonic`.
     """
 
     def __init__(self, link: PageLink, shared: SharedScene, ended: Callable[[Session], None]) -> None:
         self._shared, self._ended, self._outbox = shared, ended, Outbox(link)
         self._rate_limiter = RateLimiter(COSTLY_RATE, 2 * COSTLY_RATE)
         self._invalid_count = 0
+        self.used = time.monotonic()
         self._gone, self._state_lock = False, threading.Lock()  # the lock guards `_gone` and `_news`
         self._has_changes = False  # whether a change of the shared scene awaits processing
         self._follower = ThreadPoolExecutor(1, "pointray-follower")
@@ -75,6 +83,8 @@ class Session:
             if message["type"] in COSTLY and not self._rate_limiter.take():
                 self._outbox.toast("warning", "too many requests at once: some were ignored")
                 return
+            if message["type"] not in AUTOMATIC:
+                self.used = time.monotonic()
             with self._lock:
                 handler(self, message)
         except Exception as error:

@@ -83,9 +83,10 @@ class PageViews:
 
     @property
     def current(self) -> Session | None:
-        """Session of the view that has sent the last message; None if there is no view."""
+        """Session of the view that the user has used last; None if there is no view."""
         with self._lock:
-            return next((view.session for view in reversed(self._views.values())), None)
+            sessions = [view.session for view in self._views.values()]
+        return max(sessions, key=lambda session: session.used, default=None)
 
     @property
     def state(self) -> Any:
