@@ -199,7 +199,7 @@ class ViewerWidget(AnyWidget):
     def _save_picture(self) -> None:
         """Render the picture that is shown while there is no kernel; wait a while for a scene that is loading."""
         end = time.monotonic() + MAX_WAIT
-        while self._shared.scene is None and self._shared.is_building and time.monotonic() < end:
+        while self._shared.scene is None and not self._shared.problem and time.monotonic() < end:
             time.sleep(0.05)
         try:
             width, height = self.camera.size

@@ -216,6 +216,14 @@ def test_view_returns_the_widget_in_a_notebook(monkeypatch, scene, capsys):
     widget.close()
 
 
+def test_points_are_loaded_before_the_picture_of_the_notebook_is_made(monkeypatch):
+    shell_of(monkeypatch)
+    widget = pr.view(pr.procedural("sphere", 1_000))
+    data, _ = widget._repr_mimebundle_()
+    assert np.asarray(Image.open(io.BytesIO(base64.b64decode(data["image/png"])))).std() > 5
+    widget.close()
+
+
 def test_view_serves_the_page_without_anywidget(monkeypatch, scene, capsys):
     shell_of(monkeypatch)
     monkeypatch.setitem(sys.modules, "anywidget", None)
