@@ -48,3 +48,4 @@ from .shade.materials.principled import Principled as Principled
 from .shade.materials.specular import Dielectric as Dielectric, Mirror as Mirror
 from .surface.splats.subsample import subsample as subsample
 from .viewer import Viewer as Viewer, view as view
+from .viewer.notebook.widget import ViewerWidget as ViewerWidget

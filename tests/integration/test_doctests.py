@@ -34,7 +34,7 @@ SECTION = r"^{}\n-+\n(.*?)(?=^\w[\w ]*\n--|\Z)"
 
 def members(owner: type) -> Iterator[tuple[str, Any]]:
     """Return the public methods and properties of a class of this package, also inherited ones."""
-    for name, _ in inspect.getmembers(owner):
+    for name, _ in inspect.getmembers_static(owner):
         home = next((base for base in owner.__mro__ if name in vars(base)), None)
         if home is None or name.startswith("_") or not home.__module__.startswith("pointray"):
             continue

@@ -86,6 +86,7 @@ SENSE: dict[str, set[str]] = {
     ),
     "Client": {"None"},  # of Dask
     **dict.fromkeys(("Backdrop", "Plane", "Points", "Scene", "Settings", "Georeference", "Trajectory", "slice"), set()),
+    "SharedScene": set(),
 }
 ARRAY_KINDS = {"ArrayLike", "Doubles", "NDArray", "Any", "Color", "Vector"}  # wrong dtypes are ValueErrors
 PATHS = {"path", "paths", "out", "image", "host", "trajectory", "points", "x", "scene", "subject"}
@@ -133,7 +134,7 @@ def valid_calls(t: Things) -> dict[str, Call]:
     """A valid call of everything public that takes a value."""
     eye = {"eye": (0, -4, 1), "target": (0, 0, 0)}
     rays = {"origins": [0, -4, 0], "directions": [0, 1, 0]}
-    scene = t.changed()
+    scene, widget = t.changed(), pr.ViewerWidget(t.scene)
     return {
         "Attribute": (pr.Attribute, {"name": "height"}),
         "Camera": (pr.Camera, eye),
@@ -213,6 +214,9 @@ def valid_calls(t: Things) -> dict[str, Call]:
             lambda **given: pr.view(**{"open_browser": False, **given}).close(),
             {"scene": t.scene, "block": False},
         ),
+        "ViewerWidget": (pr.ViewerWidget, {"scene": t.scene}),
+        "ViewerWidget.camera": (lambda camera: setattr(widget, "camera", camera), {"camera": t.camera}),
+        "ViewerWidget.snapshot": (widget.snapshot, {"size": (8, 8), "samples": 1}),
         "write": (pr.write, {"path": t.folder / "b.ply", "points": t.points}),
         "write_image": (pr.write_image, {"path": t.folder / "b.png", "image": np.zeros((4, 4, 3), np.float32)}),
         "write_splats": (pr.write_splats, {"path": t.folder / "b.splat", "subject": t.points.changed(attributes={})}),

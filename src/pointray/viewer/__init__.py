@@ -10,6 +10,9 @@
   models in threads of lower priority (`thread_priority`); `contacts` caches the shadow under a standing object
 - `queries`: answers to clicks (`pick`) and legends; `exports`: saved images and films
 
+`sessions` holds the sessions of all browsers and notifies them of changes. `notebook` is a widget that shows the page
+in a cell of a notebook, without the server.
+
 `loading` loads the shared scene (`time_left`: estimates of the time left; `scene_setup`: its lights and ground;
 `default_view`: that of `view`); `sketch` draws points while kernels are
 compiled. `page_limits` limits what one page may use. `page` holds the files that the browser loads.
@@ -22,17 +25,21 @@ Read first: `viewer`, then `session`, then `display`.
 
 from __future__ import annotations
 
-import sys
 from contextlib import suppress
+from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
-from ..auto_view.first_view import Scan, ViewChoice, up_of
+from ..auto_view.first_view import up_of
 from ..base.arguments import check_flag, check_text, check_whole
 from ..cloud.conversion import PointsLike
 from ..scene.scene import Scene
-from .shared_scene import SharedScene
+from .notebook.detection import has_widgets, in_notebook
+from .shared_scene import SharedScene, shared_of
 from .viewer import Viewer
+
+if TYPE_CHECKING:
+    from .notebook.widget import ViewerWidget
 
 __all__ = ["Viewer", "view"]
 
@@ -44,7 +51,7 @@ def view(
     open_browser: bool = True,
     block: bool = True,
     up: ArrayLike | str = "auto",
-) -> Viewer:
+) -> Viewer | ViewerWidget:
     """Show a scene, scans, points or models in the browser, interactively: ``pr.view("scan.laz")``.
 
     Parameters
@@ -66,8 +73,9 @@ def view(
 
     Returns
     -------
-    Viewer
-        Its method `close` stops the server.
+    Viewer or ViewerWidget
+        Its method `close` stops the server. In a notebook with the package anywidget, a widget without a server, for
+        which `host`, `port`, `open_browser` and `block` have no meaning.
 
     Raises
     ------
@@ -89,18 +97,20 @@ def view(
     """
     host, port = check_text(host, "host"), check_whole(port, "port", 0, 65535)
     open_browser, block = check_flag(open_browser, "open_browser"), check_flag(block, "block")
-    wanted = up_of(up)
+    wanted, loader = up_of(up), None
     if isinstance(scene, Scene):
-        if wanted is None:
-            wanted = Scan(scene, ViewChoice()).up if scene.models else (0.0, 0.0, 1.0)
-        viewer = Viewer(SharedScene("pointray", scene, wanted), host, port)
+        shared = shared_of(scene, wanted)
     else:
         from .default_view import default_view
 
         shared, loader = default_view(scene, wanted)
-        viewer = Viewer(shared, host, port)
+    viewer = _make_widget(shared) if in_notebook() and has_widgets() else Viewer(shared, host, port)
+    if loader is not None:
         shared.load(loader)
+    if not isinstance(viewer, Viewer):
+        return viewer
     if in_notebook():
+        print("pointray: for a viewer that needs no port: pip install 'pointray[notebook]'", flush=True)
         return viewer
     if not (open_browser and viewer.open_browser()):
         print(f"pointray: {viewer.url}", flush=True)
@@ -110,8 +120,7 @@ def view(
     return viewer
 
 
-def in_notebook() -> bool:
-    """Return whether the code runs in the kernel of a Jupyter notebook."""
-    ipython = sys.modules.get("IPython")
-    shell = ipython.get_ipython() if ipython is not None else None
-    return type(shell).__name__ == "ZMQInteractiveShell"
+def _make_widget(shared: SharedScene) -> ViewerWidget:
+    from .notebook.widget import ViewerWidget  # imports anywidget
+
+    return ViewerWidget(shared)

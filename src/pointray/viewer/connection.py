@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, BinaryIO, NamedTuple, Protocol
 
 from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
@@ -40,6 +40,21 @@ class _File(NamedTuple):
 
 
 _Message = str | bytes | _File
+
+
+class PageLink(Protocol):
+    """Queue of messages to one page, over a WebSocket (`Link`) or a notebook (`notebook.comm_link`).
+
+    is_local : whether the page's user may see names of folders
+    """
+
+    is_local: bool
+
+    def send(self, message: str | bytes) -> None:
+        """Queue a text or binary message."""
+
+    def send_file(self, header: bytes, path: Path) -> None:
+        """Send a header and a file's contents as one message; wait until it is sent or the page is gone."""
 
 
 class Connection(ServerConnection):

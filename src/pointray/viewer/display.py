@@ -193,13 +193,26 @@ class Display:
 
         Requires that `camera`, `view` and the shared scene are not None.
         """
-        shared, version = self._shared, self._shared.version  # version first: a newer scene is requested again
-        assert self.camera is not None and self.view is not None and shared.scene is not None
-        built = not shared.is_building
-        bakes = not shared.is_coarse
-        scan = partial(shared.scan, AUTO) if shared.look == STUDIO and bakes else None
-        seen = self.camera, self.view, shared.scene, version, shared.up
-        return FrameRequest(*seen, built, self.time, bakes=bakes, scan=scan)
+        assert self.camera is not None and self.view is not None
+        return request_of(self._shared, self.camera, self.view, self.time)
+
+    def move(self, camera: Camera) -> None:
+        """Set the camera from Python, and move that of the page. Its size is ignored."""
+        self.camera, self._at_home = replace(camera, size=self.size or camera.size), False
+        self._outbox.go(self.camera, animate=False)
+        self.refresh()
+
+    def resume(self, camera: Camera | None, view: ViewSettings | None) -> None:
+        """Continue with the camera and the values of the panel of an earlier page; None: the initial ones."""
+        if view is not None and self.view is not None:
+            self.change(view, True)
+        if camera is not None:
+            self.move(camera)
+
+    @property
+    def moved_camera(self) -> Camera | None:
+        """The camera; None while it is the initial one, which frames everything."""
+        return None if self._at_home else self.camera
 
     def control(self, name: str) -> Control:
         """Return the panel's control with this `Control.name`; raise ValueError if there is none."""
@@ -255,3 +268,17 @@ class Display:
         width, height = self.size or (1, 1)
         left, top, right, bottom = self._free
         return left / width, top / height, right / width, bottom / height
+
+
+def request_of(shared: SharedScene, camera: Camera, view: ViewSettings, time: float = 0.0) -> FrameRequest:
+    """Return the request for an image of a shared scene, which must not be None.
+
+    view : values of the panel; time : timestamp of the page's camera message
+    """
+    version = shared.version  # read first: a newer scene is requested again
+    scene = shared.scene
+    assert scene is not None
+    bakes = not shared.is_coarse
+    scan = partial(shared.scan, AUTO) if shared.look == STUDIO and bakes else None
+    seen = camera, view, scene, version, shared.up
+    return FrameRequest(*seen, not shared.is_building, time, bakes=bakes, scan=scan)

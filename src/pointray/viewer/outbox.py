@@ -21,7 +21,7 @@ from ..image.legend import draw_legend
 from ..rendering.camera import Camera
 from ..scene.scene import Scene
 from ..shade.attributes import Attribute
-from .connection import Link
+from .connection import PageLink
 from .controls import Folder
 from .messages import describe, pack
 from .painter import Frame
@@ -41,11 +41,11 @@ class Outbox:
 
     Parameters
     ----------
-    link : Link
+    link : PageLink
         Queue of messages to the browser.
     """
 
-    def __init__(self, link: Link) -> None:
+    def __init__(self, link: PageLink) -> None:
         self._link = link
         self._status_at = 0.0
         self._toasts: dict[str, float] = {}  # recent toasts and their times

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import logging
 import threading
+import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+from ..baking.baked import Baked
+from ..rendering.camera import Camera
 from ..scene.scene import Scene
 from ..shade.attributes import Attribute
-from .connection import Link
+from .connection import PageLink
 from .display import Display
 from .exports import Exports
 from .light_control import MAX_LIGHTS, SUN
@@ -20,11 +23,13 @@ from .page_limits import RateLimiter
 from .painter import Frame, FrameRequest, Painter
 from .queries import Click, Lookups
 from .shared_scene import Progress, SharedScene
+from .view_settings import ViewSettings
 
 log = logging.getLogger("pointray.view")
 
 MAX_LOGGED = 10  # invalid messages logged for each page
 COSTLY = frozenset({"press", "pick", "view"})  # message types with a rate limit
+AUTOMATIC = frozenset({"seen", "size"})  # message types that the page sends without input by the user
 COSTLY_RATE = 50.0  # messages a second; bursts of twice as many are allowed
 TURN = 180.0  # degrees that the sun turns for a drag over the window's height
 
@@ -36,22 +41,28 @@ class Session:
 
     Parameters
     ----------
-    link : Link
+    link : PageLink
         The connection to the browser.
     shared : SharedScene
         The scene that all browsers show.
     ended : callable
         Called with the session when the browser has disconnected.
+
+    Attributes
+    ----------
+    used : float
+        When the user last did something on the page, or opened it, by `time.monotonic`.
     """
 
-    def __init__(self, link: Link, shared: SharedScene, ended: Callable[[Session], None]) -> None:
+    def __init__(self, link: PageLink, shared: SharedScene, ended: Callable[[Session], None]) -> None:
         self._shared, self._ended, self._outbox = shared, ended, Outbox(link)
         self._rate_limiter = RateLimiter(COSTLY_RATE, 2 * COSTLY_RATE)
         self._invalid_count = 0
+        self.used = time.monotonic()
         self._gone, self._state_lock = False, threading.Lock()  # the lock guards `_gone` and `_news`
         self._has_changes = False  # whether a change of the shared scene awaits processing
         self._follower = ThreadPoolExecutor(1, "pointray-follower")
-        self._exports = Exports(self._outbox, lambda scene: self._painter.light_of(scene))
+        self._exports = Exports(self._outbox, self.light_of)
         self._painter = Painter(self._deliver, lambda text: self._outbox.toast("error", text), self._report_baking)
         self._lookups = Lookups(self._outbox, self._painter.apply, self._show_legend)
         self._lock = threading.RLock()  # guards the display
@@ -72,6 +83,8 @@ class Session:
             if message["type"] in COSTLY and not self._rate_limiter.take():
                 self._outbox.toast("warning", "too many requests at once: some were ignored")
                 return
+            if message["type"] not in AUTOMATIC:
+                self.used = time.monotonic()
             with self._lock:
                 handler(self, message)
         except Exception as error:
@@ -94,6 +107,33 @@ class Session:
     def has_ended(self) -> bool:
         """Whether drawing, baking and saving have all stopped after `leave`."""
         return self._painter.has_ended and self._exports.has_ended
+
+    # Calls from Python.
+
+    @property
+    def camera(self) -> Camera | None:
+        """The camera of the page; None before the page has one."""
+        return self._display.camera
+
+    @property
+    def state(self) -> tuple[Camera | None, ViewSettings | None]:
+        """The camera, if it is not the initial one, and the values of the panel, for `resume`."""
+        with self._lock:
+            return self._display.moved_camera, self._display.view
+
+    def resume(self, state: tuple[Camera | None, ViewSettings | None]) -> None:
+        """Continue with the `state` of another session."""
+        with self._lock:
+            self._display.resume(*state)
+
+    def move(self, camera: Camera) -> None:
+        """Move the camera of the page."""
+        with self._lock:
+            self._display.move(camera)
+
+    def light_of(self, scene: Scene) -> Baked | None:
+        """Return the finely baked light of a scene, or None if it is not baked yet."""
+        return self._painter.light_of(scene)
 
     # Messages of the page.
 

@@ -326,3 +326,10 @@ class SharedScene:
                 listener()
             except Exception:  # an error of one browser must not affect the others
                 log.exception("error while updating a browser")
+
+
+def shared_of(scene: Scene, up: tuple[float, float, float] | None) -> SharedScene:
+    """Return a scene from Python for the viewer. up : None: chosen by the evidence in the points"""
+    if up is None:
+        up = Scan(scene, ViewChoice()).up if scene.models else (0.0, 0.0, 1.0)
+    return SharedScene("pointray", scene, up)

@@ -154,7 +154,7 @@ def test_the_page_works_behind_the_proxy_of_a_hub(hub_viewer):
     status, text = proxy.get(page.rstrip("/"))
     assert urljoin(page.rstrip("/"), re.search(r"Location: (\S+)", text)[1]) == page
     # The script opens the socket next to the page.
-    assert 'new URL("socket", location.href' in proxy.get(urljoin(page, "main.js"))[1]
+    assert 'new URL("socket", location.href' in proxy.get(urljoin(page, "connection.js"))[1]
     hello = f"{HELLO}{KEY}".split("\r\n")
     for origin, answer in ((f"https://{PUBLIC}", 101), ("https://evil.example", 403), ("null", 403)):
         request = (*proxy.headers, *hello, f"Origin: {origin}", "Connection: close")

@@ -1,4 +1,4 @@
-/** WebSocket to the server; reconnects every second after a loss. */
+/** Connection to the server, by a WebSocket or through a notebook; reconnects every second after a loss. */
 
 const RETRY = 1000; // ms
 
@@ -9,17 +9,22 @@ function unpack(buffer) {
   return { header, payload: new Uint8Array(buffer, 4 + size) };
 }
 
+/** The widget of a notebook that made the frame of this page, with `openSocket` and `shown`; undefined elsewhere. */
+export const host = window.frameElement?.pointray;
+
+/** Open a WebSocket at an address relative to the page, which contains the token that the socket needs. */
+function openSocket() {
+  return host?.openSocket() ?? new WebSocket(new URL("socket", location.href.replace("http", "ws")).href);
+}
+
 export class Connection {
   #socket = null;
-  #url;
   #on;
 
   /**
-   * @param {string} url
    * @param {{opened: () => void, closed: () => void, received: (message: object, payload?: Uint8Array) => void}} on
    */
-  constructor(url, on) {
-    this.#url = url;
+  constructor(on) {
     this.#on = on;
     this.#open();
   }
@@ -35,7 +40,7 @@ export class Connection {
   }
 
   #open() {
-    const socket = new WebSocket(this.#url);
+    const socket = openSocket();
     socket.binaryType = "arraybuffer";
     socket.onopen = () => this.#on.opened();
     socket.onmessage = (event) => this.#receive(event.data);

@@ -6,7 +6,7 @@
 
 import { copyCamera, isCamera, sameCamera } from "./camera.js";
 import { Compass } from "./compass.js";
-import { Connection } from "./connection.js";
+import { Connection, host } from "./connection.js";
 import { closeHelp, prepareDialogs, saveFile, showCopy, toggleHelp } from "./dialogs.js";
 import { Keys } from "./keys.js";
 import { freeOf } from "./layout.js";
@@ -93,6 +93,7 @@ function opened() {
 function drawn(header, shown) {
   send({ type: "seen", number: header.number });
   if (!shown) return;
+  host?.shown();
   report.frames += 1;
   if (isCamera(header.camera)) {
     markers.follow(header.camera, picture.aspect);
@@ -156,8 +157,7 @@ function act(action) {
   wake();
 }
 
-// Relative to the page, whose address contains the token that the socket needs.
-const connection = new Connection(new URL("socket", location.href.replace("http", "ws")).href, {
+const connection = new Connection({
   opened,
   closed: () => overlay.showBanner(true),
   received,
