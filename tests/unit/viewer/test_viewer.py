@@ -572,7 +572,7 @@ def test_view_accepts_a_scene(scene, capsys):
     assert f'src="{viewer.url}"' in viewer._repr_html_()
     browser.close()
     viewer.close()
-    with pytest.raises(ValueError, match="scene must be a Scene, not 3"):
+    with pytest.raises(ValueError, match="scene must be a Scene, a Model, Points"):
         pr.view(3)
 
 
