@@ -274,10 +274,10 @@ def test_the_defaults_are_those_of_python():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["-o", "lit.xyz"], "cannot write .xyz; supported: .las, .laz, .npy, .npz, .ply, .splat, .spz, .bake"),
+        (["-o", "lit.foo"], "cannot write .foo; supported: .asc, .copc.laz, .csv, .e57, .glb, "),
         (["-o", "lit"], "a file without extension"),
         (["-o", "no/folder/lit.ply"], "folder not found"),
-        (["-o", "lit.bake", "--colors"], "--colors requires .las, .laz, .npy, .npz, .ply"),
+        (["-o", "lit.bake", "--colors"], "--colors requires .asc, .copc.laz, .csv, .e57, "),
         (["-o", "lit.ply", "--colors", "--color-by", "quality"], "--color-by"),
         (["-o", "lit.ply", "--links", "0"], "links"),
         (["-o", "lit.ply", "--links", "5000"], "links"),

@@ -133,7 +133,7 @@ def test_options_are_checked_before_files_are_read(tmp_path):
 def loaded(thing, **options):
     """Show a thing in a viewer, wait until it is loaded, and return the scene that browsers show."""
     viewer = pr.view(thing, open_browser=False, block=False, **options)
-    shared, end = viewer._shared, time.monotonic() + 120
+    shared, end = viewer._sessions._shared, time.monotonic() + 120
     while not shared.problem and (shared.scene is None or shared.is_coarse or shared.is_building):
         assert time.monotonic() < end
         time.sleep(0.02)

@@ -145,7 +145,8 @@ def test_bad_options_are_refused_and_leave_nothing(scan, capsys, options, words)
 
 
 @pytest.mark.parametrize(
-    ("name", "words"), [("out.xyz", "supported: .las, .laz, .npy"), ("no/folder/out.ply", "folder not found")]
+    ("name", "words"),
+    [("out.foo", "supported: .asc, .copc.laz, .csv, .e57"), ("no/folder/out.ply", "folder not found")],
 )
 def test_bad_outputs_are_reported_before_the_work(scan, capsys, name, words):
     status, _, err = run(capsys, "prepare", scan.with_name("absent.ply"), "-o", scan.parent / name)

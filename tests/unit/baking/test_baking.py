@@ -159,8 +159,8 @@ def test_the_light_does_not_depend_on_threads(ball):
 def test_invalid_arguments_of_baking_are_refused(ball):
     with pytest.raises(ValueError, match="empty"):
         pr.bake(pr.Scene())
-    with pytest.raises(ValueError, match="Scene"):
-        pr.bake(ball)
+    with pytest.raises(ValueError, match="scene must be a Scene, a Model"):
+        pr.bake(3)
     for bad in ({"links": 0}, {"noise": -0.1}, {"patches": 1}, {"memory": 0}, {"albedo_scale": 2.0}, {"seed": -1}):
         with pytest.raises(ValueError, match=next(iter(bad))):
             pr.BakeSettings(**bad)

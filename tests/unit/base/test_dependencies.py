@@ -151,6 +151,7 @@ CHANGED = {  # file -> keys that its edit changes
     "baking/gather.py": [RAYS],
     "cli/options.py": [],
     "cluster/client.py": [],
+    "compat/tensors.py": [],
     "image/tone.py": [],
     "surface/intersect/march.py": [CAST, FRAME, RAYS],
     "engine/jit/compile.py": [*KERNELS, "model"],

@@ -136,7 +136,7 @@ def test_bad_input_is_refused_and_leaves_nothing(options: dict[str, Any], words:
         (lambda f: (3, f / "b.ply"), "paths must be Points, a path or list of paths"),
         (lambda f: (f / "scan.ply", 3), "out must be a path"),
         (lambda f: (f / "scan.ply", f / "scan.ply"), "is an input; use force=True to overwrite it"),
-        (lambda f: (f / "scan.ply", f / "a.xyz"), "cannot write .xyz"),
+        (lambda f: (f / "scan.ply", f / "a.foo"), "cannot write .foo"),
         (lambda f: ([f / "scan.ply"] * 2, f / "b.ply"), "is given twice"),
     ],
 )

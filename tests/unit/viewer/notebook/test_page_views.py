@@ -128,7 +128,7 @@ def test_the_next_view_continues_with_camera_and_panel(visit, views, pages):
     wait(lambda: views.state[0] is not None and views.state[1].exposure == 1.5)
     views.receive({"view": "one", "state": "closed"})
     assert views.current is None
-    page.wait(lambda: page.states == ["opened", "gone"])
+    page.wait(lambda: "gone" in page.states)  # once more for each message that the page was sending
     again = WidgetPage(views.receive, "again")
     pages.append(again)
     again.open()
@@ -166,9 +166,11 @@ def test_the_oldest_of_too_many_views_is_disconnected(visit, views):
     pages = [visit(f"{number}") for number in range(MAX_VIEWS)]
     pages[0].say(type="clear")
     visit("more")
-    pages[1].wait(lambda: pages[1].states == ["opened", "gone"])
+    pages[1].wait(lambda: "gone" in pages[1].states)
+    before = len(pages[1].states)
     pages[1].say(type="clear")  # the answer is again that it must connect
-    pages[1].wait(lambda: pages[1].states == ["opened", "gone", "gone"])
+    pages[1].wait(lambda: pages[1].states[before:])
+    assert set(pages[1].states[1:]) == {"gone"}
     assert all(page.states == ["opened"] for page in (pages[0], *pages[2:]))
 
 
