@@ -92,12 +92,26 @@ def test_models_points_files_and_other_objects_give_the_same_picture(scan, statu
 
 def test_lists_hold_several_models(scan, statue):
     other = pr.Points(statue.world + [5, 0, 0], statue.normals)
-    assert len(models_of([scan, scan], "scene")) == 1  # files of one cloud
+    pr.write(scan.with_name("other.ply"), statue)
+    assert len(models_of([scan, scan.with_name("other.ply")], "scene")) == 1  # files of one cloud
     assert [len(model.points) for model in models_of([statue, scan, other], "scene")] == [4000] * 3
     assert len(models_of(statue.world.tolist()[:500], "scene")) == len(models_of([*statue.world[:500]], "scene")) == 1
     assert len(models_of([statue.world[:500], other.world[:500]], "scene")) == 2
     both, one = pr.render([statue, other], settings=SMALL), pr.render(statue, settings=SMALL)
     assert both.shape == one.shape and np.abs(both - one).max() > 0.1
+
+
+def test_a_folder_stands_for_the_scans_in_it(statue, tmp_path):
+    camera = pr.frame(statue, size=(40, 30))
+    pr.write(tmp_path / "a.ply", statue)
+    np.testing.assert_array_equal(pr.render(tmp_path, camera, SMALL), pr.render(statue, camera, SMALL))
+
+
+@pytest.mark.parametrize("function", [pr.render, pr.view])
+def test_the_wrong_element_of_a_list_is_named(function, statue):
+    for wrong in (5, None, pr.Scene()):
+        with pytest.raises(TypeError, match=r"^scene\[1\] must be a Scene, a Model, Points"):
+            function([statue, wrong])
 
 
 def test_bake_and_frame_take_the_same_things(statue):

@@ -92,6 +92,10 @@ def empty_reader(path):
     return None
 
 
+def same_path(path):
+    return path
+
+
 def absent_reader(path):
     raise FileNotFoundError(f"{path}.index")
 
@@ -112,6 +116,7 @@ def test_the_extension_selects_the_reader(register, tmp_path):
     ("reader", "text"),
     [
         ("failing_reader", "failed: KeyError: 'lost'"),
+        ("same_path", "failed: TypeError: it returned a path"),
         ("empty_reader", "failed: .*result must be Points, a path"),
         ("not_there", "failed: AttributeError"),
     ],

@@ -13,6 +13,7 @@ from typing import Any
 
 from ..baking.baked import Baked, bake
 from ..baking.settings import BakeSettings
+from ..base.arguments import wrong_type
 from ..base.arrays import Floats
 from ..base.choices import AUTO, EXPOSED, MUTED, SAME
 from ..base.progress import StageProgress
@@ -26,7 +27,7 @@ from ..io.exchange.convert import SUPPORTED, as_points, converter_of, is_path, i
 from ..io.files import read
 from ..model.building import ignore_progress
 from ..model.model import Model
-from ..model.scan_inputs import is_saved
+from ..model.scan_inputs import files_of, is_saved
 from ..rendering.camera import Camera
 from ..rendering.settings import Settings
 from ..scene.scene import Scene
@@ -69,7 +70,8 @@ def model_of(x: Any, name: str, progress: StageProgress | None = None) -> Model:
     if is_path(x) and Path(x).suffix.lower() == ".toml":
         raise ValueError(f"{x}: a scene file: pass scene, camera and settings of `load_scene`")
     if is_path(x) or is_paths(x):
-        points = read(x, progress=report)
+        files: Any = files_of(x)
+        points = read(files, progress=report)
     else:
         points = x if isinstance(x, Points) else as_points(x, name, KINDS)
     report("normals", 0.0)
@@ -79,7 +81,7 @@ def model_of(x: Any, name: str, progress: StageProgress | None = None) -> Model:
 
 def models_of(x: Any, name: str, progress: StageProgress | None = None) -> list[Model]:
     """Return one or several things that `model_of` accepts as models; all scans among paths in a list are one cloud."""
-    if not (isinstance(x, list | tuple) and x and all(map(is_cloud, x))):
+    if not is_list_of_clouds(x, name):
         return [model_of(x, name, progress)]
     scans = [one for one in x if _is_scan(one)]
     return [model_of(one, name, progress) for one in ([scans] * bool(scans) + [o for o in x if not _is_scan(o)])]
@@ -87,6 +89,19 @@ def models_of(x: Any, name: str, progress: StageProgress | None = None) -> list[
 
 def _is_scan(x: Any) -> bool:
     return is_path(x) and not is_saved(Path(x))
+
+
+def is_list_of_clouds(x: Any, name: str) -> bool:
+    """Return whether an object is a list of clouds, models and files; raise TypeError if only some elements are.
+
+    name : of the parameter, in messages
+    """
+    if not isinstance(x, list | tuple) or not any(map(is_cloud, x)):
+        return False
+    for k, one in enumerate(x):
+        if not is_cloud(one):
+            raise wrong_type(f"{name}[{k}]", KINDS.removesuffix(", or a list of these"), one)
+    return True
 
 
 def is_cloud(x: Any) -> bool:

@@ -185,7 +185,9 @@ def _colors(parts: list[Part], ranges: list[ColorRange]) -> NDArray[np.uint8] | 
             else to_shades(chunk.colors[:, :3], scale)
             for chunk in part.chunks
         ]
-    return np.concatenate(columns) if any(joining.color_kind(part) is not None for part in parts) else None
+    if not any(joining.color_kind(part) is not None for part in parts):
+        return None
+    return columns[0] if len(columns) == 1 else np.concatenate(columns)
 
 
 def _scans(parts: list[Part]) -> NDArray[np.int32] | None:

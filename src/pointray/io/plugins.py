@@ -6,13 +6,16 @@ anything that `as_points` accepts. The package is imported when such a file is r
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any
 
 from ..base.registered import registered
+from ..cloud.geographic import in_file
 from ..cloud.points import Points
 from .formats._source import MAYBE, NO, Chunk, Format, Listing, Request, Source
 
@@ -26,12 +29,12 @@ class PluginSource(Source):
         points = read_by(entry, path)
         self._points = points
         row = points.positions.itemsize * 6 + sum(values.nbytes for values in points.attributes.values()) // len(points)
-        self.listing = Listing(None, row, len(points), points.georeference)
+        self.listing = Listing(None, row, len(points), replace(points.georeference, projection=None))
 
     def chunks(self) -> Iterator[Chunk]:
         """Yield all rows at once."""
         points = self._points
-        yield Chunk(points.world, points.normals, points.colors, points.attributes)
+        yield Chunk(in_file(points.georeference, points.world), points.normals, points.colors, points.attributes)
 
 
 def read_by(entry: EntryPoint, path: Path) -> Points:
@@ -46,6 +49,8 @@ def read_by(entry: EntryPoint, path: Path) -> Points:
     """
     try:
         result: Any = entry.load()(path)
+        if isinstance(result, str | os.PathLike):
+            raise TypeError("it returned a path: it must return points")
         return registered("exchange").as_points(result, "result")
     except OSError:
         raise

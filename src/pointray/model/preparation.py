@@ -386,7 +386,7 @@ def _read(plan: Plan, report: StageProgress) -> Points:
     """Read all files of a scan as one cloud, without strays if the options drop these."""
     reading, viewpoint = plan.options.reading, plan.options.normals.viewpoint
     if plan.points is not None:
-        points = selected(plan.points, reading.selection, in_stage(report, "reading"))
+        points = selected(plan.points, reading.selection)
     else:
         with open_files(plan.files, reading.request, report) as files:
             points = gather(files, reading.selection, in_stage(report, "reading"))

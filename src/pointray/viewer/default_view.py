@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from ..auto_view import STUDIO
-from ..auto_view.default_scene import KINDS, is_cloud
+from ..auto_view.default_scene import KINDS, is_list_of_clouds
 from ..auto_view.first_view import ViewChoice
 from ..auto_view.studio import with_direct_light
 from ..base.arguments import Vector
@@ -31,7 +31,7 @@ def default_view(x: Any, up: Vector | None) -> tuple[SharedScene, Loader]:
 
     x : paths, points, models, objects of other libraries, or a list of these; up : (3,), None: chosen automatically
     """
-    things = list(x) if isinstance(x, list | tuple) and x and all(map(is_cloud, x)) else [x]
+    things = list(x) if is_list_of_clouds(x, "scene") else [x]
     paths = [one for one in things if is_path(one)]
     if len(things) == 1 and paths and Path(paths[0]).suffix.lower() == SCENE_FILE:
         return _of_scene_file(Path(paths[0]))

@@ -19,6 +19,8 @@ def array_of(x: Any) -> NDArray[Any]:
 
     Memory on the CPU is shared. Raise ValueError if it is elsewhere, or the rows have different lengths.
     """
+    if isinstance(x, np.ma.MaskedArray):
+        return _unmasked(x)
     if isinstance(x, np.ndarray):
         return x
     try:
@@ -33,12 +35,19 @@ def array_of(x: Any) -> NDArray[Any]:
         return np.asarray(detach().cpu())
 
 
+def _unmasked(x: Any) -> NDArray[Any]:
+    """Return a masked array as a plain one; masked numbers become NaN."""
+    if x.dtype.names is not None or not np.ma.is_masked(x):
+        return np.asarray(x.data)
+    return np.asarray(x.astype(np.float64).filled(np.nan))
+
+
 def points_of_array(x: Any) -> Points:
     """Return an (n, 3) array_like of positions, or a structured array with fields such as x, y, z, red, as points."""
-    array = array_of(x)
+    array = x if isinstance(x, np.ma.MaskedArray) and x.dtype.names is not None else array_of(x)
     if array.dtype.names is not None:
         rows = np.ravel(array)
-        return points_of_columns({name: rows[name] for name in array.dtype.names}, "structured array")
+        return points_of_columns({name: array_of(rows[name]) for name in array.dtype.names}, "structured array")
     return Points(array)
 
 

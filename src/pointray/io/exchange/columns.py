@@ -8,16 +8,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.progress import Progress
 from ...base.warning_log import warn
+from ...cloud.geographic import in_file
 from ...cloud.georeference import Georeference
 from ...cloud.points import Points
 from ..formats._named_columns import Columns, own, roles_of, stack
 from ..formats._source import Chunk, Listing, Source
 from ..gather import gather
 from ..opening import Opener
-from ..selection import Selection
+from ..selection import Selection, Thinning
 
+ROW = "row\0"  # column with row numbers, whose name no attribute of a file has
 MOST_NAMES = 5  # names that a warning lists
 
 
@@ -38,13 +39,21 @@ class ColumnSource(Source):
         yield self._chunk
 
 
-def selected(points: Points, selection: Selection, progress: Progress | None = None) -> Points:
-    """Return the points that a selection chooses, as if they were read from a file; they themselves if it is all."""
+def selected(points: Points, selection: Selection) -> Points:
+    """Return the points that a selection chooses, as if they were read from a file; they themselves if it is all.
+
+    Raises
+    ------
+    ValueError
+        If no point is selected, or there is no attribute of a name in the selection.
+    """
     if selection.is_all:
         return points
-    chunk = Chunk(points.world, points.normals, points.colors, points.attributes)
-    source = ColumnSource(chunk, points.georeference)
-    return gather([Opener("points", lambda: source)], selection, progress)
+    columns = {**points.attributes, ROW: np.arange(len(points))}
+    chosen = selection.apply(Chunk(in_file(points.georeference, points.world), attributes=columns), 0)
+    if not len(chosen.positions):
+        raise ValueError("points: contains no selected points")
+    return points.select(Thinning(selection.max_points, len(chosen.positions)).apply(chosen).attributes[ROW])
 
 
 def points_of_chunk(chunk: Chunk, what: str, georeference: Georeference | None = None) -> Points:
@@ -57,12 +66,17 @@ def points_of_chunk(chunk: Chunk, what: str, georeference: Georeference | None =
     ValueError
         If the lengths of the columns differ, there are no rows, or a shape, dtype or value is wrong.
     """
-    n = len(chunk.positions)
+    n, known = len(chunk.positions), georeference or Georeference()
     for name, column in [("normals", chunk.normals), ("colors", chunk.colors), *chunk.attributes.items()]:
         if column is not None and len(column) != n:
             raise ValueError(f"{what}: {name} has {len(column):,} rows, positions have {n:,}")
-    source = ColumnSource(chunk, georeference or Georeference())
-    return gather([Opener(what, lambda: source)], Selection(), None)
+    for name, column, widths in (("normals", chunk.normals, (3,)), ("colors", chunk.colors, (3, 4))):
+        if column is not None and (column.ndim != 2 or column.shape[1] not in widths or column.dtype.kind not in "iuf"):
+            raise ValueError(f"{what}: {name} must be numbers of the shape (n, 3), not {column.dtype} {column.shape}")
+    # A projection has been applied already: the positions are metres, not the degrees of the coordinate system.
+    source = ColumnSource(chunk, known if known.projection is None else Georeference())
+    points = gather([Opener(what, lambda: source)], Selection(), None)
+    return points if known.projection is None else points.changed(georeference=known)
 
 
 def points_of_columns(
@@ -112,8 +126,8 @@ def _numeric(columns: Mapping[Any, NDArray[Any]], what: str) -> Columns:
         if column.dtype.kind in "biuf" and column.ndim in (1, 2) and str(name):
             numbers[str(name)] = column
         else:
-            left.append(str(name))
+            left.append(f"{name} ({column.dtype}{'' if column.ndim == 1 else f' {column.shape}'})")
     if left:
         more = f" and {len(left) - MOST_NAMES:,} more" if len(left) > MOST_NAMES else ""
-        warn(f"{what}: left out, as they hold no numbers: {', '.join(left[:MOST_NAMES])}{more}", stacklevel=2)
+        warn(f"{what}: left out, as they are no columns of numbers: {', '.join(left[:MOST_NAMES])}{more}", stacklevel=2)
     return numbers

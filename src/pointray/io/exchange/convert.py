@@ -6,14 +6,12 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from ...base.arguments import wrong_type
 from ...cloud.points import Points
 from ..files import read
 from ..remote.remote_file import RemoteFile
 from . import meshes, open3d_clouds, pyvista_data, tables
-from .arrays import points_of_array, to_structured
+from .arrays import array_of, points_of_array, to_structured
 from .columns import points_of_columns
 from .laspy_data import points_of_las, to_laspy
 from .open3d_clouds import to_open3d
@@ -41,6 +39,7 @@ KINDS = (
     Kind("open3d", "PointCloud", open3d_clouds.points_of_legacy),
     Kind("laspy", "LasData", points_of_las),
     Kind("pyvista", "DataSet", pyvista_data.points_of_dataset),
+    Kind("pyvista", "MultiBlock", pyvista_data.points_of_blocks),
     Kind("trimesh", "PointCloud", meshes.points_of_trimesh),
     Kind("trimesh", "Trimesh", meshes.points_of_trimesh),
     Kind("meshio", "Mesh", meshes.points_of_meshio),
@@ -107,4 +106,4 @@ def converter_of(x: Any) -> Callable[[Any], Points] | None:
 
 
 def _points_of_dict(columns: Mapping[Any, Any]) -> Points:
-    return points_of_columns({name: np.asarray(values) for name, values in columns.items()}, "dict")
+    return points_of_columns({name: array_of(values) for name, values in columns.items()}, "dict")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterator
 from io import BytesIO
 from typing import Any
@@ -21,15 +22,17 @@ from ..opening import Opener
 from ..selection import Selection
 from .losses import package, warn_lost
 
+LONGEST = 65535  # bytes of a variable length record
+
 
 class LasDataSource(Source):
     """The rows of a `laspy.LasData`, whose bytes are those of an uncompressed LAS file."""
 
     def __init__(self, data: Any) -> None:
         self._rows: NDArray[np.uint8] = np.ascontiguousarray(data.points.array).view(np.uint8)
+        self.faults = Faults(strict=False)
         stream = BytesIO()
-        data.update_header()
-        data.header.write_to(stream)
+        _header_of(data).write_to(stream)
         head = len(stream.getvalue())
         stream.seek(0)
         self._header = read_header(stream, head + len(self._rows), self.faults)
@@ -41,8 +44,6 @@ class LasDataSource(Source):
             georeference=Georeference(*crs_of(self._header), self._header.scale, self._header.offset, format="LAS"),
         )
 
-    faults = Faults(strict=False)
-
     def chunks(self) -> Iterator[Chunk]:
         """Yield the rows, about 2^18 at a time."""
         row = self._header.row
@@ -50,6 +51,17 @@ class LasDataSource(Source):
             rows = self._rows[start * row : (start + CHUNK) * row]
             share = min((start + CHUNK) / self._count, 1.0)
             yield chunk_of(rows.view(self._layout.dtype), self._header, self._layout, share)
+
+
+def _header_of(data: Any) -> Any:
+    """Return a copy of the header with the scale of the rows, whose own may differ, and all variable length records."""
+    header = copy.deepcopy(data.header)
+    header.scales, header.offsets = data.points.scales, data.points.offsets
+    header.update(data.points)
+    records = [record for record in data.evlrs or () if len(record.record_data_bytes()) <= LONGEST]
+    header.vlrs.extend(records)
+    header.evlrs, header.number_of_evlrs, header.start_of_first_evlr = None, 0, 0
+    return header
 
 
 def points_of_las(data: Any) -> Points:

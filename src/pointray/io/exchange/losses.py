@@ -9,6 +9,7 @@ from typing import Any
 from ...base.extras import MissingPackageError
 from ...base.warning_log import warn
 from ...cloud.georeference import Georeference
+from ..formats._named_columns import SPECIAL
 
 STACK = 4  # frames from the caller of a public method to `warn_lost`
 
@@ -39,9 +40,12 @@ def lost_georeference(georeference: Georeference, *kept: str) -> list[str]:
 
 
 def free_name(name: str, taken: Container[str], lost: list[str]) -> str:
-    """Return a name for an attribute that is not taken: its own, or one with a number; describe a change in `lost`."""
+    """Return a name for an attribute that is not taken and has no special meaning: its own, or one with a number.
+
+    taken : names in use; lost : receives a description of a change
+    """
     new, k = name, 2
-    while new in taken:
+    while new in taken or new.lower() in SPECIAL:
         new, k = f"{name}_{k}", k + 1
     if new != name:
         lost.append(f"attribute {name!r} is called {new!r}")

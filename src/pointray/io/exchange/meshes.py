@@ -17,7 +17,7 @@ def points_of_trimesh(thing: Any) -> Points:
     if is_mesh and len(thing.faces):
         columns["normals"] = np.asarray(thing.vertex_normals)
     visual = thing.visual
-    if getattr(visual, "kind", None) == "vertex":
+    if getattr(visual, "kind", None) == "vertex" and len(visual.vertex_colors) == len(thing.vertices):
         columns["colors"] = np.asarray(visual.vertex_colors)
     return named_points(np.array(thing.vertices), columns, type(thing).__name__)
 

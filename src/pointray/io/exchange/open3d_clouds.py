@@ -7,12 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.warning_log import warn
 from ...cloud.points import Points
 from ..formats._source import Chunk
-from .columns import named_points, points_of_chunk
+from .columns import points_of_chunk
 from .losses import free_name, lost_georeference, package, warn_lost
 
 ROLES = ("positions", "normals", "colors")
+OTHER_RANGE = 16.0  # floats above it are colours from 0 to 255
 
 
 def points_of_tensors(cloud: Any) -> Points:
@@ -21,16 +23,27 @@ def points_of_tensors(cloud: Any) -> Points:
     if "positions" not in columns:
         raise ValueError("Open3D point cloud: contains no points")
     positions, normals, colors = (columns.pop(name, None) for name in ROLES)
-    return points_of_chunk(Chunk(positions, normals, colors, columns), "Open3D point cloud")
+    # Open3D has no (n,) attributes.
+    attributes = {name: values[:, 0] if values.shape[1:] == (1,) else values for name, values in columns.items()}
+    return points_of_chunk(Chunk(positions, normals, _clipped(colors), attributes), "Open3D point cloud")
 
 
 def points_of_legacy(cloud: Any) -> Points:
     """Return an `open3d.geometry.PointCloud` as points: positions, normals and colours."""
     normals = np.asarray(cloud.normals) if cloud.has_normals() else None
     colors = np.asarray(cloud.colors) if cloud.has_colors() else None
-    others = {} if colors is None else {"colors": colors}
-    others |= {} if normals is None else {"normals": normals}
-    return named_points(np.asarray(cloud.points), others, "Open3D point cloud")
+    return points_of_chunk(Chunk(np.asarray(cloud.points), normals, _clipped(colors)), "Open3D point cloud")
+
+
+def _clipped(colors: NDArray[Any] | None) -> NDArray[Any] | None:
+    """Return colours with floats clipped to 0 to 1, their range in Open3D; unchanged if some are far above."""
+    if colors is None or colors.dtype.kind != "f" or not colors.size:
+        return colors
+    low, high = np.nanmin(colors), np.nanmax(colors)
+    if high > OTHER_RANGE or (low >= 0 and high <= 1):
+        return colors
+    warn("Open3D point cloud: colours outside 0 to 1 are clipped", stacklevel=2)
+    return np.clip(colors, 0, 1)
 
 
 def to_open3d(points: Points, legacy: bool) -> Any:

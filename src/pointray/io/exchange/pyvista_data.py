@@ -28,6 +28,11 @@ def points_of_dataset(dataset: Any) -> Points:
     return named_points(np.asarray(dataset.points), arrays, "PyVista dataset", georeference)
 
 
+def points_of_blocks(blocks: Any) -> Points:
+    """Return the points of all datasets in a `pyvista.MultiBlock`, with the arrays that all of them have."""
+    return points_of_dataset(blocks.combine())
+
+
 def read_dataset(path: str, **options: Any) -> Any:
     """Read a scan for `pyvista.read`, which finds this function by its entry point; return `pyvista.PolyData`.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -18,16 +19,36 @@ KEY = "pointray"  # of a pandas table's `attrs`: georeference, and the widths of
 
 def points_of_pandas(table: Any) -> Points:
     """Return a pandas DataFrame as points. Its `attrs` restore what `to_pandas` stored there."""
-    columns = {str(name): _values(table[name]) for name in table.columns}
-    known = table.attrs.get(KEY, {}) if isinstance(table.attrs, dict) else {}
-    facts = known.get("georeference", {}) if isinstance(known, dict) else {}
-    crs = table.attrs.get("crs") if not facts else None
-    georeference = Georeference(**facts) if facts else Georeference(crs=crs if isinstance(crs, str) else None)
-    for name, width in (known.get("widths", {}) if isinstance(known, dict) else {}).items():
+    names = _checked_names(table.columns, "DataFrame")
+    columns = {name: _values(table.iloc[:, k]) for k, name in enumerate(names)}
+    georeference, widths = _known(table.attrs)
+    for name, width in widths.items():
         parts = [f"{name}_{k}" for k in range(width)]
         if all(part in columns for part in parts) and name not in columns:
             columns[name] = np.stack([columns.pop(part) for part in parts], axis=1)
     return points_of_columns(columns, "DataFrame", georeference)
+
+
+def _known(attrs: Any) -> tuple[Georeference, dict[str, int]]:
+    """Return what `to_pandas` stored in a table's `attrs`: georeference, and widths of attributes of several columns.
+
+    Others may have stored something else there, or the coordinate system as `crs`.
+    """
+    with suppress(AttributeError, KeyError, TypeError, ValueError):
+        known = attrs[KEY]
+        return Georeference(**known["georeference"]), {str(name): int(width) for name, width in known["widths"].items()}
+    with suppress(AttributeError, KeyError, TypeError, ValueError):
+        return Georeference(crs=attrs["crs"]), {}
+    return Georeference(), {}
+
+
+def _checked_names(names: Any, what: str) -> list[str]:
+    """Return the names of a table's columns as text; ValueError if two are equal. what : of the table, in messages"""
+    texts = [str(name) for name in names]
+    twice = next((name for k, name in enumerate(texts) if name in texts[:k]), None)
+    if twice is not None:
+        raise ValueError(f"{what}: several columns are called {twice!r}: rename or drop them")
+    return texts
 
 
 def points_of_polars(table: Any) -> Points:
@@ -38,10 +59,13 @@ def points_of_polars(table: Any) -> Points:
 def points_of_arrow(table: Any) -> Points:
     """Return an Arrow Table or RecordBatch as points; missing integers turn a column into floats with NaN."""
     columns = {}
-    for name in table.schema.names:
-        column = table.column(name)
+    for k, name in enumerate(_checked_names(table.schema.names, "Arrow table")):
+        column = table.column(k)
         whole = column.combine_chunks() if hasattr(column, "combine_chunks") else column
-        columns[name] = np.asarray(whole.to_numpy(zero_copy_only=False))
+        width = getattr(whole.type, "list_size", 0)  # of fixed-size lists: rows of numbers
+        flat = whole.flatten() if width and not whole.null_count else whole
+        values = np.asarray(flat.to_numpy(zero_copy_only=False))
+        columns[name] = values.reshape(-1, width) if flat is not whole else values
     return points_of_columns(columns, "Arrow table")
 
 
@@ -59,9 +83,10 @@ def to_pandas(points: Points) -> Any:
     pandas = package("pandas", "to_pandas")
     lost: list[str] = []
     columns, widths = standard_columns(points), {}
-    for name, values in points.attributes.items():
+    for own_name, values in points.attributes.items():
+        name = free_name(own_name, columns, lost)
         if values.ndim == 1:
-            columns[free_name(name, columns, lost)] = values
+            columns[name] = values
             continue
         widths[name] = values.shape[1]
         columns |= {free_name(f"{name}_{k}", columns, lost): values[:, k] for k in range(values.shape[1])}

@@ -65,15 +65,18 @@ def roles_of(types: Mapping[str, tuple[np.dtype[Any], int]]) -> Roles:
     ValueError
         If there are no positions.
     """
-    numbers = {name.lower(): (name, width) for name, (dtype, width) in types.items() if dtype.kind in "iuf"}
+    numbers: dict[str, tuple[str, int]] = {}
+    for name, (dtype, width) in types.items():
+        if dtype.kind in "iuf" and (name.lower() not in numbers or name == name.lower()):  # x before X
+            numbers[name.lower()] = (name, width)
 
     def find(arrays: Sequence[str], triples: Sequence[tuple[str, ...]], widths: tuple[int, ...]) -> tuple[str, ...]:
-        for name in arrays:
-            if name in numbers and numbers[name][1] in widths:
-                return (numbers[name][0],)
         for names in triples:
             if all(numbers.get(name, ("", -1))[1] in (0, 1) for name in names):
                 return tuple(numbers[name][0] for name in names)
+        for name in arrays:
+            if name in numbers and numbers[name][1] in widths:
+                return (numbers[name][0],)
         return ()
 
     positions = find(POSITIONS, AXES, (3,))

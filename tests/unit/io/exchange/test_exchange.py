@@ -51,7 +51,7 @@ def same(points, cloud, *, attributes=True, georeference=True):
         assert points.attributes.keys() == cloud.attributes.keys()
         for name, values in cloud.attributes.items():
             assert points.attributes[name].dtype == values.dtype, name
-            np.testing.assert_array_equal(points.attributes[name].reshape(values.shape), values, name)
+            np.testing.assert_array_equal(points.attributes[name], values, name)
     if georeference:
         assert points.georeference == cloud.georeference
 
@@ -222,7 +222,7 @@ def test_missing_integers_become_nan(rng):
 
 def test_columns_without_numbers_are_left_out_with_one_warning():
     table = library("pandas").DataFrame({"x": [0.0, 1.0], "y": 0.0, "z": 0.0, "name": ["a", "b"], "when": ["c", "d"]})
-    with pytest.warns(UserWarning, match="^DataFrame: left out, as they hold no numbers: name, when$"):
+    with pytest.warns(UserWarning, match=r"^DataFrame: left out, as they are no columns of numbers: name .*, when"):
         assert pr.as_points(table).attributes == {}
 
 
@@ -290,6 +290,157 @@ def test_functions_take_what_as_points_accepts(tmp_path, rng):
     assert not pr.find_flaws(bare).outliers.any() and not pr.check_normals(rows).wrong
     assert pr.find_strays(rows).any.sum() < 60
     assert len(pr.subsample(rows, count=200)[0]) == 200
+
+
+# ------------------------------------------------------------------------------------------------ unusual objects
+
+
+def test_clouds_of_every_byte_order_become_open3d_clouds(tmp_path, rng):
+    library("open3d")
+    cloud = pr.Points(rng.random((30, 3)), rng.random((30, 3)), attributes={"w": rng.random(30)})
+    pr.write(tmp_path / "a.ply", cloud)  # its rows are little-endian by name
+    there = pr.read(tmp_path / "a.ply")
+    assert {there.positions.dtype.byteorder, there.normals.dtype.byteorder} == {"="}
+    same_rows = pr.as_points(there.to_open3d())
+    np.testing.assert_array_equal(same_rows.attributes["w"], cloud.attributes["w"])
+    swapped = pr.as_points({"x": np.arange(3, dtype=">f8"), "y": np.zeros(3, ">f4"), "z": np.zeros(3, ">i2")})
+    assert swapped.world[:, 0].tolist() == [0, 1, 2]
+
+
+@pytest.fixture
+def geographic(tmp_path, rng):
+    """A cloud of 3 m x 5 m, read from a file in degrees."""
+    degrees = rng.random((200, 3)) * [5e-5, 5e-5, 3] + [13.4, 52.5, 30]
+    known = pr.Georeference("EPSG:4326")
+    cloud = pr.Points(degrees, attributes={"ring": rng.integers(0, 9, 200)}, georeference=known)
+    pr.write(tmp_path / "a.npz", cloud)
+    with pytest.warns(UserWarning, match="in metres east and north of"):
+        return pr.read(tmp_path / "a.npz")
+
+
+def test_clouds_of_degrees_stay_in_metres(geographic, tmp_path):
+    assert geographic.georeference.projection is not None and np.ptp(geographic.world, axis=0).max() < 7
+    library("pandas"), library("pyvista")
+    for again in (pr.as_points(geographic.to_pandas()), pr.as_points(geographic.to_pyvista())):
+        np.testing.assert_array_equal(again.world, geographic.world)
+        assert again.georeference == geographic.georeference
+    pr.prepare(geographic, tmp_path / "half.npz", every=2)
+    with pytest.warns(UserWarning, match="in metres east and north of"):
+        half = pr.read(tmp_path / "half.npz")
+    assert len(half) == 100 and half.crs == "EPSG:4326"
+    np.testing.assert_allclose(np.ptp(half.world, axis=0), np.ptp(geographic.world[::2], axis=0), rtol=0, atol=1e-4)
+
+
+def las_data(rng, **options):
+    laspy = library("laspy")
+    header = laspy.LasHeader(version="1.4", point_format=6)
+    header.scales, header.offsets = [0.001] * 3, [100, 200, 0]
+    data = laspy.LasData(header)
+    data.x, data.y, data.z = np.round(rng.random(40), 2) + [[100], [200], [0]]
+    return data
+
+
+def test_rows_of_laspy_may_have_another_scale_than_the_header(rng):
+    data, other = las_data(rng), las_data(rng)
+    other.change_scaling(scales=[0.01] * 3, offsets=[0, 0, 0])
+    data.points = other.points
+    limits = data.header.maxs.copy()
+    np.testing.assert_allclose(pr.as_points(data).world, data.xyz, rtol=0, atol=1e-6)
+    np.testing.assert_array_equal(data.header.maxs, limits)  # the caller's header is left as it is
+
+
+def test_records_behind_the_rows_of_laspy_are_read(tmp_path, rng):
+    laspy = library("laspy")
+    data = las_data(rng)
+    wkt = laspy.vlrs.known.WktCoordinateSystemVlr(
+        'PROJCS["ETRS89 / UTM zone 32N",GEOGCS["ETRS89",DATUM["a",SPHEROID["b",6378137,298]]]]'
+    )
+    data.header.global_encoding.wkt = True
+    data.evlrs = laspy.vlrs.vlrlist.VLRList([wkt])
+    data.write(tmp_path / "a.las")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        there = pr.as_points(laspy.read(tmp_path / "a.las"))
+        assert "UTM zone 32N" in there.crs == pr.read(tmp_path / "a.las").crs
+        assert pr.as_points(las_data(rng)).crs is None
+
+
+def test_uncoloured_clouds_of_trimesh(rng):
+    trimesh = library("trimesh")
+    assert pr.as_points(trimesh.PointCloud(rng.random((30, 3)))).colors is None
+
+
+def test_colours_of_open3d_lie_from_0_to_1(rng):
+    open3d = library("open3d")
+    made = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(rng.random((30, 3))))
+    colors = rng.random((30, 3)) * 2.5 - 0.1
+    made.colors = open3d.utility.Vector3dVector(colors)
+    with pytest.warns(UserWarning, match="colours outside 0 to 1 are clipped"):
+        points = pr.as_points(made)
+    np.testing.assert_allclose(points.colors, np.clip(colors, 0, 1) * 255, atol=0.51)
+    tensors = open3d.t.geometry.PointCloud(open3d.core.Tensor.from_numpy(rng.random((30, 3))))
+    tensors.point["colors"] = open3d.core.Tensor.from_numpy(rng.random((30, 1)))
+    with pytest.raises(ValueError, match="colors must be numbers of the shape"):
+        pr.as_points(tensors)
+
+
+def test_names_that_differ_only_in_case(rng):
+    floats, whole = rng.random((3, 20)), rng.integers(0, 99, (3, 20))
+    points = pr.as_points(
+        dict(zip("XxyYzZ", [whole[0], floats[0], floats[1], whole[1], floats[2], whole[2]], strict=True))
+    )
+    np.testing.assert_allclose(points.world, floats.T, atol=1e-6)
+    assert points.attributes["X"].tolist() == whole[0].tolist()
+
+
+def test_attributes_with_special_names_are_renamed(rng):
+    library("pandas")
+    cloud = pr.Points(rng.random((20, 3)), attributes={"X": np.arange(20), "rgb": np.ones((20, 3), np.uint8)})
+    for convert in (cloud.to_pandas, cloud.to_structured):
+        with pytest.warns(UserWarning, match="attribute 'X' is called 'X_2'"):
+            again = pr.as_points(convert())
+        np.testing.assert_array_equal(again.world, cloud.world)
+        assert again.colors is None and again.attributes["X_2"].tolist() == list(range(20))
+
+
+def test_masked_values_are_missing(rng):
+    xyz = np.ma.masked_less(rng.random((30, 3)), 0.1)
+    points = pr.as_points(xyz)
+    np.testing.assert_array_equal(np.isnan(points.positions), xyz.mask)
+    ring = np.ma.masked_equal(np.arange(30), 7)
+    table = pr.as_points({"x": np.arange(30.0), "y": np.zeros(30), "z": np.zeros(30), "ring": ring})
+    assert np.flatnonzero(np.isnan(table.attributes["ring"])).tolist() == [7]
+
+
+def test_equal_names_of_columns_are_refused(rng):
+    pandas, arrow = library("pandas"), library("pyarrow")
+    table = pandas.DataFrame(rng.random((5, 4)), columns=["x", "y", "z", "x"])
+    with pytest.raises(ValueError, match="DataFrame: several columns are called 'x'"):
+        pr.as_points(table)
+    with pytest.raises(ValueError, match="Arrow table: several columns are called 'x'"):
+        pr.as_points(arrow.Table.from_arrays([arrow.array([1.0])] * 4, ["x", "y", "z", "x"]))
+
+
+def test_lists_of_arrow_are_rows_of_numbers(rng):
+    arrow = library("pyarrow")
+    xyz = rng.random((10, 3)).astype(np.float32)
+    rows = arrow.FixedSizeListArray.from_arrays(arrow.array(xyz.ravel()), 3)
+    np.testing.assert_array_equal(pr.as_points(arrow.table({"xyz": rows})).world, xyz)
+
+
+@pytest.mark.parametrize(
+    "attrs", [{"pointray": 3}, {"pointray": {"georeference": {"foo": 1}}}, {"crs": 25832}, {"a": []}]
+)
+def test_attrs_of_others_are_ignored(attrs):
+    table = library("pandas").DataFrame({"x": [0.0, 1.0], "y": 0.0, "z": 0.0})
+    table.attrs = attrs
+    assert pr.as_points(table).georeference == pr.Georeference()
+
+
+def test_blocks_of_pyvista_are_combined():
+    pyvista = library("pyvista")
+    blocks = pyvista.MultiBlock([pyvista.Sphere(), pyvista.Cube()])
+    assert len(pr.as_points(blocks)) == blocks[0].n_points + blocks[1].n_points
 
 
 # ------------------------------------------------------------------------------------------------------ refusals
