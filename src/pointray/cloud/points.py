@@ -359,7 +359,12 @@ def _check_rows(rows: Any, n: int) -> NDArray[Any]:
 def _float32(array: NDArray[Any]) -> NDArray[np.float32]:
     """Convert an array to writable, C-contiguous float32, without a copy if possible; huge numbers become infinite."""
     with np.errstate(over="ignore"):  # too large a number becomes infinite: the row is not finite
-        return np.require(array, np.float32, ["C", "W", "A"]).view(np.float32)  # with a dtype that says "native order"
+        return _native(np.require(array, np.float32, ["C", "W", "A"]))
+
+
+def _native(array: NDArray[Any]) -> NDArray[Any]:
+    """Return an array in native byte order with a dtype that says so: other libraries refuse an explicit "<"."""
+    return array if array.dtype.byteorder in "=|" else array.view(array.dtype.newbyteorder("="))
 
 
 def _localise(world: NDArray[Any], origin: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -460,7 +465,7 @@ def check_attribute(name: str, values: ArrayLike, n: int) -> NDArray[Any]:
     dtype = array.dtype.newbyteorder("=")
     if dtype.kind == "f" and dtype not in (np.float32, np.float64):
         dtype = np.dtype(np.float32 if dtype.itemsize < 4 else np.float64)
-    return np.require(array, dtype, ["C", "W", "A"]).view(dtype)
+    return _native(np.require(array, dtype, ["C", "W", "A"]))
 
 
 def spread_rows(n: int, most: int = SPREAD) -> NDArray[np.int64]:
