@@ -128,7 +128,7 @@ def test_the_extension_or_an_option_selects_splats(scan, capsys):
         assert out.startswith(f"{output}: 500 points; cannot store the attributes gps_time, classification; stores")
         points = pr.read(output)
         np.testing.assert_allclose(points.world, scan.positions, atol=1e-4)
-        assert set(points.attributes) == {"opacity", "scale"}
+        assert set(points.attributes) == {"opacity", "scale", "rotation"}
     assert set(pr.read("a.ply").attributes) == set(scan.attributes)
 
 

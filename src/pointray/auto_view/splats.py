@@ -71,8 +71,8 @@ def write_splats(
         The extension selects the layout: .ply (that of INRIA's training, without harmonics above degree 0), .spz or
         .splat. An existing file is replaced once the new one is complete.
     subject : Model, the path of a saved one, or what `as_points` accepts
-        A `Model` is built of points, unless they have the attribute `scale`: splats that were read from a file are
-        written as they are.
+        A `Model` is built of points, unless they have the attribute `scale`: splats that were read from a file keep
+        their positions, scales, rotations, opacities and colours.
     light : "studio" or sequence of lights, optional
         Light that is baked into the colours: "studio" as in `studio`, fixed for the automatic view, or lights as in
         `Scene.lights`. The exposure is that of a picture of the automatic view. None: the points' own colours.

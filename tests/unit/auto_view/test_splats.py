@@ -11,7 +11,8 @@ from helpers.clouds import sphere_points
 from helpers.marks import long
 from helpers.prepared_parts import prepared
 from pointray.auto_view.splats import write_model
-from pointray.io.formats.splats._flat import BALL, THICKNESS, WIDTH
+from pointray.io.formats.splats._flat import BALL, WIDTH
+from pointray.io.formats.splats._own_shapes import THICKNESS
 from pointray.model.splat_points import splat_points
 from pointray.surface.splats.scattered.spheres import Drawing
 

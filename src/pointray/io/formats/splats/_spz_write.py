@@ -1,6 +1,7 @@
 """Writer of SPZ, version 2: gzip, coordinates of 24 bits, quaternions of three bytes.
 
-More programs read version 2 than its successors. Its quaternions are precise here, because w is never small.
+More programs read version 2 than its successors. Its quaternions are precise here, because w is never small: splats
+that were read are described by other axes where it is (`with_large_w`).
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from ....base.progress import Progress, part_of
 from ....cloud.points import Points
 from ._common import HARMONIC
 from ._flat import FlatSplats
+from ._own_shapes import with_large_w
 
 MAGIC = b"NGSP"
 HEADER = struct.Struct("<4sIIBBBBI12x")  # versions before 4 end before the last field
@@ -43,7 +45,7 @@ def write(file: Any, points: Points, progress: Progress | None = None) -> list[s
 
     def scales(part: slice) -> Bytes:
         nonlocal clipped
-        shapes = splats.shapes(part)[0]
+        shapes = with_large_w(*splats.shapes(part))[0]
         clipped += int(_out_of_range(shapes.max(axis=1)).sum())
         return _byte((np.log(shapes) - LOWEST) * STEPS)
 
@@ -52,7 +54,7 @@ def write(file: Any, points: Points, progress: Progress | None = None) -> list[s
         lambda part: _byte(255 * splats.opacity(part)),
         lambda part: _byte((splats.colors(part) / 255 - 0.5) * (255 * SHADE / HARMONIC) + 127.5),
         scales,
-        lambda part: _byte(splats.shapes(part)[1][:, 1:] * 127.5 + 127.5),
+        lambda part: _byte(with_large_w(*splats.shapes(part))[1][:, 1:] * 127.5 + 127.5),
     ]
     with gzip.GzipFile("", "wb", LEVEL, file, mtime=0) as packed:
         packed.write(HEADER.pack(MAGIC, VERSION, splats.count, 0, bits, 0, 0, 0)[:OLD])

@@ -15,7 +15,8 @@ from pointray.base.atomic_write import replacing
 from pointray.io.files import read, write
 from pointray.io.formats._source import CHUNK
 from pointray.io.formats.splats import _flat, _spz_write, gaussians, splat
-from pointray.io.formats.splats._flat import BALL, OPACITY, THICKNESS, WIDTH, FlatSplats
+from pointray.io.formats.splats._flat import BALL, OPACITY, WIDTH, FlatSplats
+from pointray.io.formats.splats._own_shapes import THICKNESS
 
 WRITERS = {".ply": gaussians.write, ".spz": _spz_write.write, ".splat": splat.write}
 EVERY = pytest.mark.parametrize("extension", WRITERS)
