@@ -22,7 +22,7 @@ from ..image.tone import linear_to_srgb, srgb_to_linear, tone
 from ..io.exchange.convert import is_path
 from ..io.formats._source import Writer
 from ..io.formats.splats import _spz_write, gaussians, splat
-from ..io.formats.splats._flat import has_scales, lost_attributes
+from ..io.formats.splats._flat import has_scales, lost_of_model
 from ..model.model import Model
 from ..model.scan_inputs import is_saved
 from ..model.splat_points import splat_points
@@ -166,7 +166,7 @@ def write_model(
     colors : (n, 3) sRGB of all points of the model; None: their own
     """
     points = splat_points(model, colors, in_stage(progress, "splats"))
-    return [*lost_attributes(model.points), *write_points(file, points, progress)]
+    return [*lost_of_model(model.points), *write_points(file, points, progress)]
 
 
 def write_points(file: Path, points: Points, progress: StageProgress | None) -> list[str]:

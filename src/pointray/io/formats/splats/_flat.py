@@ -6,7 +6,7 @@ Its standard deviation is WIDTH support radii. Viewers then show the surface as 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -213,7 +213,8 @@ def _lost(points: Points, valid: Flags) -> list[str]:
         lost.append(f"leaves out {_counted(missing, 'row')} without a finite position")
     if invalid:
         lost.append(f"leaves out {_counted(invalid, 'splat')} with an invalid {SCALE}")
-    lost += [*lost_attributes(points), *_unused(points)]
+    used = (RADIUS, SCALE, ALPHA, ROTATION) if has_scales(points) else (RADIUS, SCALE, ALPHA)
+    lost += [*_lost_attributes(points, used), *_unused(points)]
     if georeference.crs:
         lost.append("cannot store the coordinate system")
     if georeference.stations:
@@ -221,9 +222,17 @@ def _lost(points: Points, valid: Flags) -> list[str]:
     return lost
 
 
-def lost_attributes(points: Points) -> list[str]:
+def lost_of_model(points: Points) -> list[str]:
+    """Return what is lost of the attributes of a model's points when its discs are written, in words."""
+    if scales_of(points.attributes.get(SCALE)) is None:
+        return _lost_attributes(points, (RADIUS, ALPHA))
+    replaced = "writes discs of the model instead of the shapes of the splats that were read"
+    return [*_lost_attributes(points, (RADIUS, ALPHA, SCALE, ROTATION)), replaced]
+
+
+def _lost_attributes(points: Points, used: Sequence[str]) -> list[str]:
     """Return a text on the attributes of points that files of splats cannot store; an empty list without any."""
-    others = [name for name in points.attributes if name not in (RADIUS, SCALE, ROTATION, ALPHA)]
+    others = [name for name in points.attributes if name not in used]
     if not others:
         return []
     more = f" and {len(others) - LISTED:,} more" if len(others) > LISTED else ""

@@ -154,3 +154,23 @@ def test_other_formats_store_the_rotation(tmp_path, extension):
     values = back.get("rotation", back.get("rotation_0"))
     wanted = points.attributes["rotation"]
     np.testing.assert_allclose(values, wanted if values.ndim > 1 else wanted[:, 0], atol=1e-6)
+
+
+def test_attributes_that_are_not_used_are_named(tmp_path, rng):
+    made = needles(rng)
+    for attributes, wanted in (
+        ({"radius": np.full(300, -1.0)}, ["ignores the attribute radius: expected one positive number per point"]),
+        ({"scale": np.full((300, 3), 1e-300)}, ["ignores the attribute scale: expected two or three positive numbers"]),
+        ({"scale": np.full((300, 3), 1e300)}, ["ignores the attribute scale: expected two or three positive numbers"]),
+        (
+            {"scale": np.exp(made.scale), "radius": np.full(300, 0.1)},
+            ["ignores the attribute scale, because there is an attribute radius"],
+        ),
+        ({"rotation": made.turn, "radius": np.full(300, 0.1)}, ["cannot store the attribute rotation"]),
+    ):
+        points = pr.Points(made.xyz, made.axes, attributes=attributes)
+        with pytest.warns(UserWarning, match="a.splat") as caught:
+            write(tmp_path / "a.splat", points)
+        found = [str(one.message).partition("a.splat: ")[2] for one in caught]
+        assert len(found) == 1 and found[0].startswith(wanted[0])
+        assert np.isfinite(read(tmp_path / "a.splat").attributes["scale"]).all()
