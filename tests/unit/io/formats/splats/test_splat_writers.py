@@ -266,6 +266,16 @@ def test_coordinates_that_are_too_large_for_an_spz_change_no_file(tmp_path, rng)
     assert (tmp_path / "a.spz").read_bytes() == b"before" and len(list(tmp_path.iterdir())) == 1
 
 
+@pytest.mark.parametrize("size", [5e6, 9e11])
+def test_large_coordinates_of_a_splat_file_are_read_back(tmp_path, rng, size):
+    points = discs(rng, 30, attributes={"radius": np.full(30, size / 10)})
+    positions = np.clip(points.positions, -1, 1) * np.float32(size)
+    write(tmp_path / "a.splat", pr.Points.about((0, 0, 0), positions, points.normals, attributes=points.attributes))
+    back = read(tmp_path / "a.splat")
+    np.testing.assert_allclose(back.world, positions, rtol=1e-6)
+    np.testing.assert_allclose(back.attributes["scale"].max(axis=1), WIDTH * size / 10, rtol=1e-5)
+
+
 def test_sizes_beyond_those_of_an_spz_are_reported(tmp_path, rng):
     radii = np.full(30, 0.01, np.float32)
     radii[:3] = 1e-5, 1e4, 2e-5
