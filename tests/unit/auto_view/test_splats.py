@@ -166,10 +166,13 @@ def test_scattered_points_become_spheres_or_single_discs(tmp_path, rng, drawing)
     np.testing.assert_allclose(scale[mask, 2], BALL * model.radii[mask], rtol=1e-4)
 
 
-def test_points_that_are_not_drawn_are_left_out(rng):
+def test_points_that_are_not_drawn_are_left_out(tmp_path, rng):
     model, mask = with_leaves(rng, "none")
     assert model.drawing == Drawing("none", 1.0)
     np.testing.assert_allclose(splat_points(model).positions, model.points.positions[~mask], atol=0.02)
+    with pytest.warns(UserWarning, match=r"a\.spz: leaves out 500 points without a splat$"):
+        pr.write_splats(tmp_path / "a.spz", model)
+    assert len(pr.read(tmp_path / "a.spz")) == 1500
 
 
 @pytest.mark.parametrize(("normals", "n"), [(True, 2000), long(True, 20_000), long(False, 20_000)])
@@ -219,7 +222,7 @@ def test_progress_names_the_stages(tmp_path):
     pr.write_splats(tmp_path / "a.spz", model, light=[pr.SunLight((0, 0, -1))], progress=lambda *x: stages.append(x))
     assert list(dict.fromkeys(stage for stage, _ in stages)) == ["baking light", "splats", "writing"]
     assert all(0 <= share <= 1.0001 for _, share in stages) and stages[-1] == ("writing", pytest.approx(1))
-    assert write_model(tmp_path / "b.spz", model, None, None) == []
+    assert write_model(tmp_path / "b.spz", model, None, None) == (500, [])
 
 
 def test_files_arrays_and_saved_models_are_written(tmp_path):
