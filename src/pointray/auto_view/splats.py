@@ -22,7 +22,7 @@ from ..image.tone import linear_to_srgb, srgb_to_linear, tone
 from ..io.exchange.convert import is_path
 from ..io.formats._source import Writer
 from ..io.formats.splats import _spz_write, gaussians, splat
-from ..io.formats.splats._flat import has_scales, lost_of_model, valid_rows
+from ..io.formats.splats._flat import counted, has_scales, lost_of_model, valid_rows
 from ..model.model import Model
 from ..model.scan_inputs import is_saved
 from ..model.splat_points import splat_points
@@ -179,7 +179,7 @@ def write_model(
     points = splat_points(model, colors, in_stage(progress, "splats"))
     count, lost = write_points(file, points, progress)
     missing = len(model.points) - len(points)
-    left_out = [f"leaves out {missing:,} point{'s' * (missing > 1)} without a splat"] if missing else []
+    left_out = [f"leaves out {counted(missing, 'point')} without a splat"] if missing else []
     return WrittenSplats(count, [*left_out, *lost_of_model(model.points), *lost])
 
 

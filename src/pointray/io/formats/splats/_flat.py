@@ -80,14 +80,14 @@ class FlatSplats:
         if found is None:
             if long := int(are_elongated(self._scales).sum()):
                 self.lost.append(
-                    f"makes {_counted(long, 'elongated splat')} round, because the points have no attribute {ROTATION}"
+                    f"makes {counted(long, 'elongated splat')} round, because the points have no attribute {ROTATION}"
                     " of four columns"
                 )
             self._scales = round_discs(self._scales)
             return None
         turns, invalid = found
         if invalid:
-            self.lost.append(f"does not rotate {_counted(invalid, 'splat')} with an invalid {ROTATION}")
+            self.lost.append(f"does not rotate {counted(invalid, 'splat')} with an invalid {ROTATION}")
         return turns
 
     def _fractions(self, values: NDArray[Any] | None) -> Floats | None:
@@ -96,7 +96,7 @@ class FlatSplats:
             return None
         valid = (values >= 0) & (values <= 1)
         if invalid := len(values) - int(valid.sum()):
-            self.lost.append(f"makes {_counted(invalid, 'point')} opaque, whose {ALPHA} is not between 0 and 1")
+            self.lost.append(f"makes {counted(invalid, 'point')} opaque, whose {ALPHA} is not between 0 and 1")
         return np.where(valid, values, OPACITY).astype(np.float32)
 
     def parts(self, progress: Progress | None = None) -> Iterator[slice]:
@@ -210,9 +210,9 @@ def _lost(points: Points, valid: Flags) -> list[str]:
         place = ", ".join(f"{x:,.15g}".replace(",", "") for x in points.origin)
         lost.append(f"stores positions relative to ({place}), because viewers of splats use 32-bit floats")
     if missing:
-        lost.append(f"leaves out {_counted(missing, 'row')} without a finite position")
+        lost.append(f"leaves out {counted(missing, 'row')} without a finite position")
     if invalid:
-        lost.append(f"leaves out {_counted(invalid, 'splat')} with an invalid {SCALE}")
+        lost.append(f"leaves out {counted(invalid, 'splat')} with an invalid {SCALE}")
     used = (RADIUS, SCALE, ALPHA, ROTATION) if has_scales(points) else (RADIUS, SCALE, ALPHA)
     lost += [*_lost_attributes(points, used), *_unused(points)]
     if georeference.crs:
@@ -254,7 +254,8 @@ def _unused(points: Points) -> list[str]:
     return lost
 
 
-def _counted(count: int, what: str) -> str:
+def counted(count: int, what: str) -> str:
+    """Return a number with a noun, for messages."""
     return f"{count:,} {what}{'s' * (count != 1)}"
 
 

@@ -285,6 +285,27 @@ def test_sizes_beyond_those_of_an_spz_are_reported(tmp_path, rng):
     np.testing.assert_allclose(scale[:2], [np.exp(-10), np.exp(255 / 16 - 10)], rtol=1e-5)
 
 
+@pytest.mark.parametrize(("width", "visible"), [(8.4e-5, False), (5e-5, False), (1.2e-4, True), (1e-3, True)])
+def test_small_splats_that_become_round_in_an_spz_are_reported(tmp_path, rng, width, visible):
+    """Their thickness is too small, though their width is not."""
+    radii = np.full(30, 0.01, np.float32)
+    radii[:20] = width / WIDTH
+    points = discs(rng, 30, attributes={"radius": radii})
+    lost = save(tmp_path / "a.spz", points)
+    message = "makes 20 small splats round: SPZ stores no axis below 4.5e-5; use smaller units"
+    assert lost == ([] if visible else [message])
+    scale = np.sort(read(tmp_path / "a.spz").attributes["scale"], axis=1)[:20]
+    np.testing.assert_allclose(scale[:, 2], width, rtol=0.033)
+    assert (scale[:, 0] < 0.5 * scale[:, 2]).all() == visible
+
+
+def test_small_needles_that_become_round_in_an_spz_are_reported(tmp_path, rng):
+    attributes = {"scale": np.tile([8e-5, 4e-6, 4e-6], (30, 1)), "rotation": rng.normal(size=(30, 4))}
+    attributes["scale"][:3] = 8e-5  # a sphere
+    [message] = save(tmp_path / "a.spz", discs(rng, 30, attributes=attributes))
+    assert message.startswith("makes 27 small splats round")
+
+
 # ------------------------------------------------------------------------------------------------------ streaming
 
 
