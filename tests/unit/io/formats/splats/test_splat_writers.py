@@ -211,6 +211,7 @@ def test_opacities_of_0_and_1_have_finite_logits(tmp_path, rng):
     save(tmp_path / "a.ply", points.changed(attributes={"opacity": np.array([0.0, 1.0, 0.5])}))
     values = PlyData.read(str(tmp_path / "a.ply"))["vertex"]["opacity"]
     assert np.isfinite(values).all() and values[0] < -5 and values[1] > 5 and abs(values[2]) < 1e-6
+    np.testing.assert_allclose(read(tmp_path / "a.ply", opacity=0).attributes["opacity"], [0, 1, 0.5], atol=1e-5)
 
 
 def test_points_without_colors_have_that_of_clay(tmp_path, rng):
