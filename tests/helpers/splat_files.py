@@ -43,6 +43,12 @@ def matrix(q):
     )
 
 
+def covariances(scales, turns):
+    """The covariance matrices of Gaussians, in units of their largest variance: (n, 3, 3)."""
+    axes = [matrix(q) * (s / s.max()) for q, s in zip(turns.astype(float), scales.astype(float), strict=True)]
+    return np.array([a @ a.T for a in axes])
+
+
 def cloud(n, seed=0):
     rng = np.random.default_rng(seed)
     scale = rng.uniform(-6, -1, (n, 3))
@@ -62,6 +68,9 @@ def check(points, made, rows=slice(None), turned=0.9999, shades=0.51, **near):
     np.testing.assert_allclose(points.colors, made.rgb[rows], atol=shades)
     assert np.abs((points.normals * made.axes[rows]).sum(axis=1)).min() > turned
     np.testing.assert_allclose(np.linalg.norm(points.normals, axis=1), 1, rtol=1e-5)
+    turns = made.turn[rows] / np.linalg.norm(made.turn[rows], axis=1, keepdims=True)
+    assert np.abs((points.attributes["rotation"] * turns).sum(axis=1)).min() > turned
+    np.testing.assert_allclose(np.linalg.norm(points.attributes["rotation"], axis=1), 1, rtol=1e-5)
 
 
 def damaged(rng, data):

@@ -128,7 +128,7 @@ def test_the_extension_or_an_option_selects_splats(scan, capsys):
         assert out.startswith(f"{output}: 500 points; cannot store the attributes gps_time, classification; stores")
         points = pr.read(output)
         np.testing.assert_allclose(points.world, scan.positions, atol=1e-4)
-        assert set(points.attributes) == {"opacity", "scale"}
+        assert set(points.attributes) == {"opacity", "scale", "rotation"}
     assert set(pr.read("a.ply").attributes) == set(scan.attributes)
 
 
@@ -140,6 +140,30 @@ def test_saved_models_and_splats_are_converted_to_splats(scan, capsys):
     np.testing.assert_allclose(width, WIDTH * model.radii, rtol=1e-5)
     assert run(capsys, "b.splat", "c.splat")[1] == "c.splat: 500 points\n"
     np.testing.assert_allclose(pr.read("c.splat").attributes["scale"].max(axis=1), width, rtol=1e-5)
+
+
+@pytest.mark.parametrize("given", ["nan.npy", "nan.pointray"])
+@pytest.mark.parametrize("light", [[], ["--light", "sun:0,0,-1", "--up", "z"]])
+def test_the_number_of_splats_is_printed(scan, capsys, given, light):
+    """Points of a model that are not drawn have no splat."""
+    world = scan.positions.copy()
+    world[:50] = np.nan
+    np.save("nan.npy", world)
+    if given == "nan.pointray":
+        with pytest.warns(UserWarning, match="50 of 500 points have no finite position"):
+            pr.Model(pr.read("nan.npy")).save(given)
+    status, out, _ = run(capsys, given, "b.splat", *light)
+    assert status == 0 and out.startswith("b.splat: 450 points") and "; leaves out 50 points without a splat" in out
+    assert len(pr.read("b.splat")) == 450
+
+
+def test_splats_with_an_invalid_scale_are_not_counted(scan, capsys):
+    scale = np.full((500, 3), 0.1)
+    scale[:50] = np.nan
+    turns = np.tile([1.0, 0, 0, 0], (500, 1))
+    pr.write("a.npz", pr.Points(scan.positions, scan.normals, attributes={"scale": scale, "rotation": turns}))
+    assert run(capsys, "a.npz", "b.spz")[1] == "b.spz: 450 points; leaves out 50 splats with an invalid scale\n"
+    assert len(pr.read("b.spz")) == 450
 
 
 def test_light_is_baked_into_splats(scan, capsys):

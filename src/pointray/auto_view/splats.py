@@ -22,7 +22,7 @@ from ..image.tone import linear_to_srgb, srgb_to_linear, tone
 from ..io.exchange.convert import is_path
 from ..io.formats._source import Writer
 from ..io.formats.splats import _spz_write, gaussians, splat
-from ..io.formats.splats._flat import has_scales, lost_attributes
+from ..io.formats.splats._flat import counted, has_scales, lost_of_model, valid_rows
 from ..model.model import Model
 from ..model.scan_inputs import is_saved
 from ..model.splat_points import splat_points
@@ -39,6 +39,17 @@ from .studio import CLAY, studio
 
 WRITERS: dict[str, Writer] = {".ply": gaussians.write, ".spz": _spz_write.write, ".splat": splat.write}
 METERED = Lens(size=(320, 240))  # of the picture that decides the exposure
+
+
+class WrittenSplats(NamedTuple):
+    """What a file of Gaussian splats contains.
+
+    splats : their number
+    lost : what the file cannot store, in words
+    """
+
+    splats: int
+    lost: list[str]
 
 
 class LitColors(NamedTuple):
@@ -71,8 +82,8 @@ def write_splats(
         The extension selects the layout: .ply (that of INRIA's training, without harmonics above degree 0), .spz or
         .splat. An existing file is replaced once the new one is complete.
     subject : Model, the path of a saved one, or what `as_points` accepts
-        A `Model` is built of points, unless they have the attribute `scale`: splats that were read from a file are
-        written as they are.
+        A `Model` is built of points, unless they have the attribute `scale`: splats that were read from a file keep
+        their positions, scales, rotations, opacities and colours.
     light : "studio" or sequence of lights, optional
         Light that is baked into the colours: "studio" as in `studio`, fixed for the automatic view, or lights as in
         `Scene.lights`. The exposure is that of a picture of the automatic view. None: the points' own colours.
@@ -105,7 +116,7 @@ def write_splats(
     file, lights = check_path(path), check_lights(light)
     check_callback(progress)
     check_splats_path(file)
-    for lost in write_subject(file, _subject_of(subject), lights, progress):
+    for lost in write_subject(file, _subject_of(subject), lights, progress).lost:
         warn(f"{file}: {lost}", stacklevel=2)
 
 
@@ -140,8 +151,8 @@ def check_lights(light: Any) -> Any:
     return list(light)
 
 
-def write_subject(file: Path, subject: Points | Model, lights: Any, progress: StageProgress | None) -> list[str]:
-    """Write points or a model as Gaussian splats, with baked light; return what the format cannot store, in words.
+def write_subject(file: Path, subject: Points | Model, lights: Any, progress: StageProgress | None) -> WrittenSplats:
+    """Write points or a model as Gaussian splats, with baked light; return what the file contains.
 
     lights : as `check_lights` returns them
     """
@@ -160,19 +171,23 @@ def write_subject(file: Path, subject: Points | Model, lights: Any, progress: St
 
 def write_model(
     file: Path, model: Model, colors: NDArray[np.uint8] | None, progress: StageProgress | None
-) -> list[str]:
-    """Write a model as Gaussian splats; return what the format cannot store, in words.
+) -> WrittenSplats:
+    """Write a model as Gaussian splats; return what the file contains.
 
     colors : (n, 3) sRGB of all points of the model; None: their own
     """
     points = splat_points(model, colors, in_stage(progress, "splats"))
-    return [*lost_attributes(model.points), *write_points(file, points, progress)]
+    count, lost = write_points(file, points, progress)
+    missing = len(model.points) - len(points)
+    left_out = [f"leaves out {counted(missing, 'point')} without a splat"] if missing else []
+    return WrittenSplats(count, [*left_out, *lost_of_model(model.points), *lost])
 
 
-def write_points(file: Path, points: Points, progress: StageProgress | None) -> list[str]:
-    """Write points that are splats already; return what the format cannot store, in words."""
+def write_points(file: Path, points: Points, progress: StageProgress | None) -> WrittenSplats:
+    """Write points that are splats already; return what the file contains."""
     with replacing(file) as stream:
-        return WRITERS[file.suffix.lower()](stream, points, in_stage(progress, "writing"))
+        lost = WRITERS[file.suffix.lower()](stream, points, in_stage(progress, "writing"))
+    return WrittenSplats(int(valid_rows(points).sum()), lost)
 
 
 def lit_colors(scene: Scene, baked: Baked, number: int, up: Vector) -> LitColors:

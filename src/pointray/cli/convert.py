@@ -76,19 +76,19 @@ def convert(
         write = partial(_write_splats, model=model) if as_splats else partial(_write, compressed=compressed)
         progress.show("writing", 0.0)
         with writing(output):
-            lost = in_background(lambda: write(output, points, progress))
-    return "; ".join([f"{output}: {len(points):,} points", *lost])
+            count, lost = in_background(lambda: write(output, points, progress))
+    return "; ".join([f"{output}: {count:,} points", *lost])
 
 
-def _write(output: Path, points: Any, progress: Progress, compressed: bool) -> list[str]:
-    """Write points to a file and return messages about what its format cannot store."""
+def _write(output: Path, points: Any, progress: Progress, compressed: bool) -> tuple[int, list[str]]:
+    """Write points to a file; return how many were given, and messages about what its format cannot store."""
     from ..io.files import write_points
 
-    return write_points(output, points, lambda share: progress.show("writing", share), compressed)
+    return len(points), write_points(output, points, lambda share: progress.show("writing", share), compressed)
 
 
-def _write_splats(output: Path, points: Any, progress: Progress, model: Any = None) -> list[str]:
-    """Write points or their model as Gaussian splats, and return messages about what the format cannot store."""
+def _write_splats(output: Path, points: Any, progress: Progress, model: Any = None) -> tuple[int, list[str]]:
+    """Write points or their model as Gaussian splats; return their number, and what the format cannot store."""
     from ..auto_view.splats import write_subject
 
     return write_subject(output, points if model is None else model, None, progress.show)
@@ -114,7 +114,7 @@ def _convert_lit(scan: ScanFiles, output: Path, options: SplatOptions) -> str:
         baked = in_background(lambda: source.make(scene, progress.show))
         lit = in_background(lambda: lit_colors(scene, baked, next(iter(scene.shapes)), found.up))
         with writing(output):
-            lost = in_background(lambda: write_model(output, model, lit.colors, progress.show))
+            count, lost = in_background(lambda: write_model(output, model, lit.colors, progress.show))
     soft = ", highlights softened" if lit.curve == "soft" else ""
-    what = f"{output}: {len(model.points):,} points, lit colours, exposure {lit.exposure:g}{soft}"
+    what = f"{output}: {count:,} points, lit colours, exposure {lit.exposure:g}{soft}"
     return "\n".join(filter(None, ["; ".join([what, *lost]), found.found]))

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ..base.progress import Progress, report_progress
 from ..cloud.points import Points
-from ..io.formats.splats._flat import BALL, RADIUS, WIDTH
+from ..io.formats.splats._flat import ALPHA, BALL, RADIUS, WIDTH
 from ..surface.tree.stored import stored_splats
 from .model import Model
 
@@ -15,7 +15,8 @@ from .model import Model
 def splat_points(model: Model, colors: NDArray[np.uint8] | None = None, progress: Progress | None = None) -> Points:
     """Return the points of a model that have a splat, as writers of Gaussian splats expect them.
 
-    Positions are denoised. Points drawn as spheres have the normal 0. The only attribute is `radius`.
+    Positions are denoised. Points drawn as spheres have the normal 0. The attributes are `radius` and, if the
+    points have it, `opacity`.
 
     Parameters
     ----------
@@ -40,5 +41,6 @@ def splat_points(model: Model, colors: NDArray[np.uint8] | None = None, progress
     else:
         normals[scattered] = 0
     shades = points.colors if colors is None else colors
-    cloud = Points.about(points.origin, positions, normals, shades, {RADIUS: radii}, points.georeference)
+    attributes = {RADIUS: radii} | {name: points.attributes[name] for name in (ALPHA,) if name in points.attributes}
+    cloud = Points.about(points.origin, positions, normals, shades, attributes, points.georeference)
     return cloud if there.all() else cloud.select(np.flatnonzero(there))

@@ -11,7 +11,8 @@ from helpers.clouds import sphere_points
 from helpers.marks import long
 from helpers.prepared_parts import prepared
 from pointray.auto_view.splats import write_model
-from pointray.io.formats.splats._flat import BALL, THICKNESS, WIDTH
+from pointray.io.formats.splats._flat import BALL, WIDTH
+from pointray.io.formats.splats._own_shapes import THICKNESS
 from pointray.model.splat_points import splat_points
 from pointray.surface.splats.scattered.spheres import Drawing
 
@@ -113,6 +114,47 @@ def test_points_become_a_model_with_their_radii(tmp_path):
     np.testing.assert_allclose(pr.read(tmp_path / "a.ply").attributes["scale"].max(axis=1), WIDTH * radii, rtol=1e-5)
 
 
+@pytest.mark.parametrize("light", [None, [pr.SunLight((0, 0, -1))]])
+def test_opacity_is_kept(tmp_path, rng, light):
+    opacity = rng.uniform(0.1, 0.9, 500)
+    points = ball(500, attributes={"opacity": opacity})
+    for name, subject in (("a.ply", pr.Model(points)), ("b.ply", points)):
+        pr.write_splats(tmp_path / name, subject, light=light)
+        stored = pr.read(tmp_path / name, opacity=0).attributes["opacity"]
+        np.testing.assert_allclose(stored, opacity, atol=1e-5)
+
+
+def test_invalid_opacities_are_reported(tmp_path):
+    opacity = np.linspace(0.1, 1.2, 500)
+    opacity[3] = np.nan
+    invalid = int((~(opacity <= 1)).sum())
+    message = rf"a\.splat: makes {invalid} points opaque, whose opacity is not between 0 and 1$"
+    with pytest.warns(UserWarning, match=message):
+        pr.write_splats(tmp_path / "a.splat", pr.Model(ball(500, attributes={"opacity": opacity})))
+    stored = pr.read(tmp_path / "a.splat").attributes["opacity"]
+    np.testing.assert_allclose(stored, np.where(opacity <= 1, opacity, 1), atol=0.005)
+    with pytest.warns(UserWarning, match=r"ignores the attribute opacity: expected one number per point$"):
+        pr.write_splats(tmp_path / "a.splat", ball(500, attributes={"opacity": np.ones((500, 2))}))
+
+
+def test_shapes_replaced_by_a_model_are_reported(tmp_path):
+    attributes = {"scale": np.tile([0.3, 0.1, 0.01], (500, 1)), "rotation": np.tile([1, 0, 0, 0], (500, 1))}
+    replaced = "writes discs of the model instead of the shapes of the splats that were read"
+    more = {"radius": np.full(500, 0.1)}
+    given = [ball(500, attributes=attributes), ball(500, attributes=attributes | more)]
+    for subject in (pr.Model(given[0]), given[1]):
+        with pytest.warns(UserWarning, match="a.ply") as caught:
+            pr.write_splats(tmp_path / "a.ply", subject)
+        assert [str(one.message).partition("a.ply: ")[2] for one in caught] == [replaced]
+
+
+@pytest.mark.parametrize("name", ["rotation", "scale"])
+def test_other_attributes_of_these_names_are_reported(tmp_path, name):
+    points = ball(500, attributes={name: np.arange(500)})
+    with pytest.warns(UserWarning, match=f"a.ply: cannot store the attribute {name}$"):
+        pr.write_splats(tmp_path / "a.ply", points)
+
+
 @pytest.mark.parametrize("drawing", ["spheres", "discs"])
 def test_scattered_points_become_spheres_or_single_discs(tmp_path, rng, drawing):
     model, mask = with_leaves(rng, drawing)
@@ -124,10 +166,13 @@ def test_scattered_points_become_spheres_or_single_discs(tmp_path, rng, drawing)
     np.testing.assert_allclose(scale[mask, 2], BALL * model.radii[mask], rtol=1e-4)
 
 
-def test_points_that_are_not_drawn_are_left_out(rng):
+def test_points_that_are_not_drawn_are_left_out(tmp_path, rng):
     model, mask = with_leaves(rng, "none")
     assert model.drawing == Drawing("none", 1.0)
     np.testing.assert_allclose(splat_points(model).positions, model.points.positions[~mask], atol=0.02)
+    with pytest.warns(UserWarning, match=r"a\.spz: leaves out 500 points without a splat$"):
+        pr.write_splats(tmp_path / "a.spz", model)
+    assert len(pr.read(tmp_path / "a.spz")) == 1500
 
 
 @pytest.mark.parametrize(("normals", "n"), [(True, 2000), long(True, 20_000), long(False, 20_000)])
@@ -177,7 +222,7 @@ def test_progress_names_the_stages(tmp_path):
     pr.write_splats(tmp_path / "a.spz", model, light=[pr.SunLight((0, 0, -1))], progress=lambda *x: stages.append(x))
     assert list(dict.fromkeys(stage for stage, _ in stages)) == ["baking light", "splats", "writing"]
     assert all(0 <= share <= 1.0001 for _, share in stages) and stages[-1] == ("writing", pytest.approx(1))
-    assert write_model(tmp_path / "b.spz", model, None, None) == []
+    assert write_model(tmp_path / "b.spz", model, None, None) == (500, [])
 
 
 def test_files_arrays_and_saved_models_are_written(tmp_path):

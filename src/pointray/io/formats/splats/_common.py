@@ -17,14 +17,15 @@ from ....base.warning_log import warn
 from .._source import Chunk, Listing
 
 ROWS = 1 << 17  # splats unpacked at a time, a multiple of 256; more take more memory but no less time
-ROW = 12 + 12 + 3 + 4 + 12  # bytes per point with normal, colour, opacity and scale
+ROW = 12 + 12 + 3 + 4 + 12 + 16  # bytes per point with normal, colour, opacity, scale and rotation
 HARMONIC = 0.28209479177387814  # spherical harmonic of degree 0, 1 / sqrt(4 pi)
 UNKNOWN = 128  # sRGB of a colour that is NaN
 KEEPS = {
     "positions": "the centres of the splats",
     "normals": "the shortest axis; its sign is unknown and chosen by `Model`",
     "colors": "the spherical harmonic of degree 0; higher degrees are ignored",
-    "attributes": "opacity (0 to 1), scale (standard deviations along the axes of the splat)",
+    "attributes": "opacity (0 to 1), scale (standard deviations along the axes of the splat), rotation "
+    "(unit quaternion w, x, y, z)",
     "note": "splats with an opacity below --opacity are left out",
 }
 
@@ -103,10 +104,20 @@ def opaque_chunks(
 @np.errstate(over="ignore", invalid="ignore")
 def _to_chunk(splats: Splats, rows: Flags, share: float) -> Chunk:
     scale = splats.scale[rows]
-    attributes = {"opacity": splats.opacity[rows], "scale": scale}
+    turns = unit_quaternions(splats.rotation[rows])
+    attributes = {"opacity": splats.opacity[rows], "scale": scale, "rotation": turns}
     attributes |= {name: column[rows] for name, column in splats.others.items()}
     normals = shortest_axes(scale, splats.rotation[rows])
     return Chunk(splats.positions[rows], normals, _to_bytes(splats.colors[rows]), attributes, share)
+
+
+def unit_quaternions(rotation: NDArray[Any]) -> NDArray[np.float32]:
+    """Return quaternions (m, 4) of any length as unit quaternions, float32; 0 for invalid ones."""
+    wide = rotation.astype(np.float64)  # squares of float32 neither overflow nor underflow
+    with np.errstate(over="ignore", invalid="ignore"):
+        length = np.linalg.norm(wide, axis=1, keepdims=True)
+        known = np.isfinite(length) & (length > 0)
+        return np.where(known, wide / np.where(known, length, 1), 0).astype(np.float32)
 
 
 def shortest_axes(scale: Floats, rotation: Floats) -> NDArray[np.float32]:

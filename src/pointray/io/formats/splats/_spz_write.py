@@ -1,6 +1,7 @@
 """Writer of SPZ, version 2: gzip, coordinates of 24 bits, quaternions of three bytes.
 
-More programs read version 2 than its successors. Its quaternions are precise here, because w is never small.
+More programs read version 2 than its successors. Its quaternions are precise here, because w is never small: splats
+that were read are described by other axes where it is (`with_large_w`).
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ from ....base.arrays import Floats
 from ....base.progress import Progress, part_of
 from ....cloud.points import Points
 from ._common import HARMONIC
-from ._flat import FlatSplats
+from ._flat import FlatSplats, counted
+from ._own_shapes import with_large_w
 
 MAGIC = b"NGSP"
 HEADER = struct.Struct("<4sIIBBBBI12x")  # versions before 4 end before the last field
@@ -28,6 +30,7 @@ SHADE = 0.15  # factor of the stored coefficient of degree 0
 VERSION, LEVEL = 2, 6  # LEVEL : of gzip
 LARGEST = 2**23 - 1  # of a coordinate in units of its last bit
 LOWEST, STEPS = -10.0, 16  # logarithm of the smallest scale, and steps per unit of logarithm
+ROUND = 0.5  # least ratio of the shortest axis to the longest in a splat whose normal is not visible
 MANY = 10_000_000  # splats that Niantic's library accepts
 
 Bytes = NDArray[np.uint8]
@@ -39,20 +42,23 @@ def write(file: Any, points: Points, progress: Progress | None = None) -> list[s
     Raise ValueError if coordinates are too large. The size of the cloud decides the precision of the coordinates.
     """
     splats = FlatSplats(points, part_of(progress, 0.0, 0.4))
-    bits, clipped = _fraction_bits(splats.positions), 0
+    bits, clipped, rounded = _fraction_bits(splats.positions), 0, 0
 
     def scales(part: slice) -> Bytes:
-        nonlocal clipped
-        shapes = splats.shapes(part)[0]
-        clipped += int(_out_of_range(shapes.max(axis=1)).sum())
-        return _byte((np.log(shapes) - LOWEST) * STEPS)
+        nonlocal clipped, rounded
+        shapes = with_large_w(*splats.shapes(part))[0]
+        stored = _byte((np.log(shapes) - LOWEST) * STEPS)
+        resized = _out_of_range(shapes.max(axis=1))
+        clipped += int(resized.sum())
+        rounded += int((_becomes_round(shapes, stored) & ~resized).sum())
+        return stored
 
     columns: list[Callable[[slice], Bytes]] = [
         lambda part: _fixed(splats.positions[part], bits),
         lambda part: _byte(255 * splats.opacity(part)),
         lambda part: _byte((splats.colors(part) / 255 - 0.5) * (255 * SHADE / HARMONIC) + 127.5),
         scales,
-        lambda part: _byte(splats.shapes(part)[1][:, 1:] * 127.5 + 127.5),
+        lambda part: _byte(with_large_w(*splats.shapes(part))[1][:, 1:] * 127.5 + 127.5),
     ]
     with gzip.GzipFile("", "wb", LEVEL, file, mtime=0) as packed:
         packed.write(HEADER.pack(MAGIC, VERSION, splats.count, 0, bits, 0, 0, 0)[:OLD])
@@ -61,7 +67,11 @@ def write(file: Any, points: Points, progress: Progress | None = None) -> list[s
                 packed.write(np.ascontiguousarray(column(part)).data)
     lost = list(splats.lost)
     if clipped:
-        lost.append(f"changes the size of {clipped:,} splats: SPZ stores widths from 4.5e-5 to 380")
+        lost.append(f"changes the size of {counted(clipped, 'splat')}: SPZ stores widths from 4.5e-5 to 380")
+    if rounded:
+        lost.append(
+            f"makes {counted(rounded, 'small splat')} round: SPZ stores no axis below 4.5e-5; use smaller units"
+        )
     if splats.count > MANY:
         lost.append(f"has more than {MANY:,} splats, which some programs refuse")
     return lost
@@ -85,6 +95,16 @@ def _out_of_range(scales: Floats) -> NDArray[np.bool_]:
     """Return whether the stored value of a scale differs by more than the rounding."""
     steps = (np.log(scales) - LOWEST) * STEPS
     return (steps < -0.5) | (steps > 255.5)
+
+
+def _becomes_round(scales: Floats, stored: Bytes) -> NDArray[np.bool_]:
+    """Return whether splats lose their flat or elongated shape, because short axes are stored as the smallest one.
+
+    scales, stored : (m, 3), standard deviations and their bytes
+    """
+    ratio = scales.min(axis=1) / scales.max(axis=1)
+    range_stored = np.ptp(stored, axis=1) / STEPS  # logarithm of the ratio
+    return (ratio < ROUND) & (range_stored < -np.log(ROUND)) & (stored.min(axis=1) == 0)
 
 
 def _byte(values: NDArray[Any]) -> Bytes:

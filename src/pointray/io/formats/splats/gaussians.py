@@ -26,6 +26,7 @@ from ._flat import FlatSplats
 CENTERS, HARMONICS = ("x", "y", "z"), ("f_dc_0", "f_dc_1", "f_dc_2")
 SCALES, QUATERNIONS = ("scale_0", "scale_1", "scale_2"), ("rot_0", "rot_1", "rot_2", "rot_3")
 NEEDED = (*HARMONICS, "opacity", *SCALES[:2], *QUATERNIONS)
+FAINTEST = np.float32(1e-6)  # distance of written opacities from 0 and 1, whose logits are infinite
 DROPPED = re.compile(r"f_rest_\d+")
 WRITTEN = (*CENTERS, *NORMALS[0], *HARMONICS, "opacity", *SCALES, *QUATERNIONS)
 REPLACED = {*CENTERS, *NEEDED, *SCALES, *NORMALS[0], *(name for names in COLORS for name in names)}
@@ -96,7 +97,7 @@ def write(file: Any, points: Points, progress: Progress | None = None) -> list[s
     file.write("\n".join(header).encode("ascii"))
     for part in splats.parts(part_of(progress, 0.5, 1.0)):
         scales, turns = splats.shapes(part)
-        opacity = np.clip(splats.opacity(part), 1 / 512, 511 / 512)
+        opacity = np.clip(splats.opacity(part), FAINTEST, 1 - FAINTEST)
         columns = [
             splats.positions[part],
             splats.normals(part),

@@ -16,7 +16,6 @@ from ._common import KEEPS, ROWS, Floats, Splats, listing_of, opaque_chunks
 from ._flat import FlatSplats
 
 ROW = np.dtype([("place", "<f4", 3), ("scale", "<f4", 3), ("color", "u1", 4), ("turn", "u1", 4)])
-LARGEST = 1e6  # maximum coordinate and scale of plausible splats
 UNEVEN = 0.1  # tolerance of the length of quaternions rounded to bytes
 PLAUSIBLE = 0.9  # minimum fraction of the first rows that must be plausible
 
@@ -42,8 +41,8 @@ def _is_plausible(head: bytes) -> bool:
     if not len(rows):
         return False
     with np.errstate(invalid="ignore", over="ignore"):
-        good = (np.abs(rows["place"]) < LARGEST).all(axis=1)
-        good &= ((rows["scale"] >= 0) & (rows["scale"] < LARGEST)).all(axis=1)
+        good = np.isfinite(rows["place"]).all(axis=1)
+        good &= ((rows["scale"] >= 0) & (rows["scale"] < np.inf)).all(axis=1)
         good &= np.abs(np.linalg.norm(_quaternions(rows["turn"]), axis=1) - 1) < UNEVEN
     return bool(good.mean() >= PLAUSIBLE)
 

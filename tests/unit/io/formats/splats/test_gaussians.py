@@ -23,8 +23,8 @@ def test_files_of_the_training_format_are_read(tmp_path, text, order, dtype):
     made = cloud(300)
     points = read(save(tmp_path / "a.ply", trained(made, dtype=dtype), text=text, order=order), opacity=0)
     check(points, made)
-    assert set(points.attributes) == {"opacity", "scale"}
-    assert points.attributes["opacity"].dtype == points.attributes["scale"].dtype == np.float32
+    assert set(points.attributes) == {"opacity", "scale", "rotation"}
+    assert {values.dtype for values in points.attributes.values()} == {np.dtype(np.float32)}
 
 
 def test_transparent_splats_are_left_out(tmp_path):
@@ -75,7 +75,7 @@ def test_other_properties_are_kept_and_other_elements_skipped(tmp_path):
     path = save(tmp_path / "a.ply", more[0], trained(made, label=label, red=label.astype("u1")), more[1])
     points = read(path, opacity=0)
     check(points, made)
-    assert set(points.attributes) == {"opacity", "scale", "label"}
+    assert set(points.attributes) == {"opacity", "scale", "rotation", "label"}
     assert points.attributes["label"].dtype == np.uint16
     np.testing.assert_array_equal(points.attributes["label"], label)
 
@@ -100,6 +100,7 @@ def test_splats_with_nan_are_read(tmp_path):
     assert np.isnan(points.positions[0]).all()
     np.testing.assert_array_equal(points.colors[[1, 6]], [[128] * 3, [255] * 3])
     np.testing.assert_array_equal(points.normals[[2, 4]], 0)
+    np.testing.assert_array_equal(points.attributes["rotation"][[2, 4]], 0)
     assert len(read(path, opacity=0.99)) == 14 + (made.alpha[:6] > 0.99).sum()
 
 

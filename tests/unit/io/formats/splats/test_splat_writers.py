@@ -15,7 +15,8 @@ from pointray.base.atomic_write import replacing
 from pointray.io.files import read, write
 from pointray.io.formats._source import CHUNK
 from pointray.io.formats.splats import _flat, _spz_write, gaussians, splat
-from pointray.io.formats.splats._flat import BALL, OPACITY, THICKNESS, WIDTH, FlatSplats
+from pointray.io.formats.splats._flat import BALL, OPACITY, WIDTH, FlatSplats
+from pointray.io.formats.splats._own_shapes import THICKNESS
 
 WRITERS = {".ply": gaussians.write, ".spz": _spz_write.write, ".splat": splat.write}
 EVERY = pytest.mark.parametrize("extension", WRITERS)
@@ -210,6 +211,7 @@ def test_opacities_of_0_and_1_have_finite_logits(tmp_path, rng):
     save(tmp_path / "a.ply", points.changed(attributes={"opacity": np.array([0.0, 1.0, 0.5])}))
     values = PlyData.read(str(tmp_path / "a.ply"))["vertex"]["opacity"]
     assert np.isfinite(values).all() and values[0] < -5 and values[1] > 5 and abs(values[2]) < 1e-6
+    np.testing.assert_allclose(read(tmp_path / "a.ply", opacity=0).attributes["opacity"], [0, 1, 0.5], atol=1e-5)
 
 
 def test_points_without_colors_have_that_of_clay(tmp_path, rng):
@@ -265,6 +267,16 @@ def test_coordinates_that_are_too_large_for_an_spz_change_no_file(tmp_path, rng)
     assert (tmp_path / "a.spz").read_bytes() == b"before" and len(list(tmp_path.iterdir())) == 1
 
 
+@pytest.mark.parametrize("size", [5e6, 9e11])
+def test_large_coordinates_of_a_splat_file_are_read_back(tmp_path, rng, size):
+    points = discs(rng, 30, attributes={"radius": np.full(30, size / 10)})
+    positions = np.clip(points.positions, -1, 1) * np.float32(size)
+    write(tmp_path / "a.splat", pr.Points.about((0, 0, 0), positions, points.normals, attributes=points.attributes))
+    back = read(tmp_path / "a.splat")
+    np.testing.assert_allclose(back.world, positions, rtol=1e-6)
+    np.testing.assert_allclose(back.attributes["scale"].max(axis=1), WIDTH * size / 10, rtol=1e-5)
+
+
 def test_sizes_beyond_those_of_an_spz_are_reported(tmp_path, rng):
     radii = np.full(30, 0.01, np.float32)
     radii[:3] = 1e-5, 1e4, 2e-5
@@ -272,6 +284,27 @@ def test_sizes_beyond_those_of_an_spz_are_reported(tmp_path, rng):
     assert save(tmp_path / "a.spz", points) == ["changes the size of 3 splats: SPZ stores widths from 4.5e-5 to 380"]
     scale = read(tmp_path / "a.spz").attributes["scale"].max(axis=1)
     np.testing.assert_allclose(scale[:2], [np.exp(-10), np.exp(255 / 16 - 10)], rtol=1e-5)
+
+
+@pytest.mark.parametrize(("width", "visible"), [(8.4e-5, False), (5e-5, False), (1.2e-4, True), (1e-3, True)])
+def test_small_splats_that_become_round_in_an_spz_are_reported(tmp_path, rng, width, visible):
+    """Their thickness is too small, though their width is not."""
+    radii = np.full(30, 0.01, np.float32)
+    radii[:20] = width / WIDTH
+    points = discs(rng, 30, attributes={"radius": radii})
+    lost = save(tmp_path / "a.spz", points)
+    message = "makes 20 small splats round: SPZ stores no axis below 4.5e-5; use smaller units"
+    assert lost == ([] if visible else [message])
+    scale = np.sort(read(tmp_path / "a.spz").attributes["scale"], axis=1)[:20]
+    np.testing.assert_allclose(scale[:, 2], width, rtol=0.033)
+    assert (scale[:, 0] < 0.5 * scale[:, 2]).all() == visible
+
+
+def test_small_needles_that_become_round_in_an_spz_are_reported(tmp_path, rng):
+    attributes = {"scale": np.tile([8e-5, 4e-6, 4e-6], (30, 1)), "rotation": rng.normal(size=(30, 4))}
+    attributes["scale"][:3] = 8e-5  # a sphere
+    [message] = save(tmp_path / "a.spz", discs(rng, 30, attributes=attributes))
+    assert message.startswith("makes 27 small splats round")
 
 
 # ------------------------------------------------------------------------------------------------------ streaming
