@@ -14,13 +14,16 @@ from ..surface.intersect.march import START, START_UNREFINED
 from ..surface.trace.cast import Pace
 from .casting import intersect_snapshot
 from .rays import Hits, Rays
+from .separate_instances import separate_instances
 from .world import Snapshot
 
 BATCH = 1 << 20  # rays traced at a time, which limits the memory
 PASSES = 10_000  # bound of the crossings of one ray, against endless loops
 BEYOND = 1.2  # distance from a crossing at which the search continues, relative to the limit of the start rule
 FARTHEST_START = 0.5  # the same along grazing rays, in radii
-REPEATED = 1.5  # radii: two crossings of one surface from the same side are one if they are closer
+# Two crossings of one surface in a row, from the same side, are one if their distance along the ray is below the first
+# limit, and their distance along the mean of their normals is within the start rule and the second limit. In radii.
+REPEATED, REPEATED_DEPTH = 1.5, 0.04
 
 
 class Crossings(NamedTuple):
@@ -60,9 +63,9 @@ def world_scales(scene: Snapshot) -> Doubles:
     """Return the greatest scale of each instance's transform, from model to world space, (n,); 1 for planes."""
     records = scene.world.instances.reshape(-1, INSTANCE)
     scales = np.ones(len(records))
-    for row in np.flatnonzero(records[:, KIND] == MODEL):
-        to_model = records[row, TO_MODEL : TO_MODEL + 12].reshape(3, 4)[:, :3]
-        scales[row] = 1 / np.linalg.svd(to_model, compute_uv=False).min()
+    rows = np.flatnonzero(records[:, KIND] == MODEL)
+    to_model = records[rows, TO_MODEL : TO_MODEL + 12].reshape(-1, 3, 4)[:, :, :3]
+    scales[rows] = 1 / np.linalg.svd(to_model, compute_uv=False).min(axis=1)
     return scales
 
 
@@ -90,8 +93,13 @@ def find_crossings(
 ) -> Crossings:
     """Return all crossings of rays with the surfaces of a scene.
 
-    The closest hits are searched for again and again, from just behind the last ones. Two crossings of one surface that
-    are nearer to each other than the start rule allows (1% of a support radius) may be found as one.
+    The closest hits are searched for again and again, from just behind the last ones. Models whose bounds overlap are
+    searched one after the other, so that they may be as near to each other as they like, even equal.
+
+    Two crossings in a row of one model, from the same side, are one if they are nearer to each other than 5% of a
+    support radius (9% without refinement), measured along their normals: rays at small angles find a surface again
+    within the limit of the start rule. Layers of one model that face the same way are one surface anyway if they are
+    nearer than about 0.8 radii; up to 1.6 radii the surface has a third layer between them, where its side changes.
 
     Parameters
     ----------
@@ -105,17 +113,23 @@ def find_crossings(
     threads : int, optional
         Number of threads; None for all cores.
     """
-    pace = Pace(threads)
+    pace, scenes = Pace(threads), separate_instances(scene)
     n = len(rays[0])
     if n <= BATCH:
-        return _crossings(scene, shape, rays, pace)
+        return _crossings_of_all(scenes, shape, rays, pace)
     found = []
     for start in range(0, n, BATCH):
         some = slice(start, min(start + BATCH, n))
-        one = _crossings(scene, (some.stop - start,), (rays[0][some], rays[1][some], rays[2][some]), pace)
+        one = _crossings_of_all(scenes, (some.stop - start,), (rays[0][some], rays[1][some], rays[2][some]), pace)
         found.append(one._replace(ray=one.ray + start))
         report_progress(progress, some.stop / n)
     return _joined(found)
+
+
+def _crossings_of_all(scenes: list[Snapshot], shape: tuple[int, ...], rays: Rays, pace: Pace) -> Crossings:
+    """Return the crossings of rays with several scenes, sorted. pace : number of threads"""
+    found = [_crossings(scene, shape, rays, pace) for scene in scenes]
+    return found[0] if len(found) == 1 else _sorted(_joined(found))
 
 
 def _crossings(scene: Snapshot, shape: tuple[int, ...], rays: Rays, pace: Pace) -> Crossings:
@@ -133,7 +147,7 @@ def _crossings(scene: Snapshot, shape: tuple[int, ...], rays: Rays, pace: Pace) 
             break
         one = _crossings_at(hits, hit, active, rays)
         radii, starts = local_radii(scene, one.instance, one.point)
-        new = last.update(one, REPEATED * radii / lengths[active])
+        new = last.update(one, lengths[active], radii, starts)
         cosine = np.abs(np.einsum("ij,ij->i", one.normal, directions[active])) / lengths[active]
         step = np.minimum(BEYOND * starts / np.maximum(cosine, 1e-6), FARTHEST_START * radii)
         step = np.maximum(step * last.factors[active] / lengths[active], 1e-12 * np.abs(one.t) + 1e-300)
@@ -188,8 +202,8 @@ def _sorted(every: Crossings) -> Crossings:
 class _Last:
     """The last crossing of each of n rays, to recognize a surface that is found twice.
 
-    A ray that enters a surface at a small angle may start on it again, if its start is still within the limit of the
-    start rule.
+    A ray that crosses a surface at a small angle may start on it again, if its start is still within the limit of the
+    start rule. Another sheet of the surface is distinguished by its distance along the normals.
 
     Attributes
     ----------
@@ -200,19 +214,22 @@ class _Last:
     def __init__(self, n: int) -> None:
         self.factors = np.ones(n)
         self._t, self._instance, self._entering = np.full(n, -np.inf), np.full(n, -1, np.int32), np.zeros(n, np.bool_)
+        self._position, self._normal = np.zeros((n, 3)), np.zeros((n, 3), np.float32)
 
-    def update(self, one: Crossings, near: Doubles) -> Flags:
-        """Return which crossings, at most one of each ray, are new, and keep them.
+    def update(self, one: Crossings, lengths: Doubles, radii: Doubles, starts: Doubles) -> Flags:
+        """Return which crossings, at most one of each ray, are new, and keep all of them.
 
-        near : (m,), distance below which two crossings of a surface from the same side are the same
+        lengths : (m,), lengths of the rays' directions; radii, starts : (m,), see `local_radii`
         """
         ray = one.ray
-        same = (self._instance[ray] == one.instance) & one.entering & self._entering[ray]
-        same &= one.t - self._t[ray] < near
+        same = (self._instance[ray] == one.instance) & (one.entering == self._entering[ray])
+        same &= (one.t - self._t[ray]) * lengths < REPEATED * self.factors[ray] * radii
+        # On an arc, the mean of two normals is perpendicular to the chord.
+        step, mean = one.position - self._position[ray], 0.5 * (one.normal + self._normal[ray])
+        same &= np.abs(np.einsum("ij,ij->i", step, mean)) < starts + REPEATED_DEPTH * radii
         self.factors[ray] = np.where(same, 2 * self.factors[ray], 1.0)
-        new = ray[~same]
-        self._t[new], self._instance[new] = one.t[~same], one.instance[~same]
-        self._entering[new] = one.entering[~same]
+        self._t[ray], self._instance[ray], self._entering[ray] = one.t, one.instance, one.entering
+        self._position[ray], self._normal[ray] = one.position, one.normal
         return ~same
 
 

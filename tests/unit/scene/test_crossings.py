@@ -65,6 +65,51 @@ def test_rays_that_only_graze_a_surface_leave_it(balls, rng):
     assert (np.bincount(found.ray, minlength=200) % 2 == 0).all()
 
 
+@pytest.mark.parametrize("gap", [1.0, 1.4])
+def test_sheets_that_face_the_same_way_are_separate(rng, gap):
+    """Between two sheets closer than their supports the surface has a third one; all three in both directions."""
+    plane = np.stack(np.meshgrid(*[np.linspace(-1, 1, 41)] * 2), axis=-1).reshape(-1, 2)
+    radius, n = 0.0575, len(plane)
+    heights = np.repeat([0, gap * radius], n)
+    points = pr.Points(np.column_stack([np.tile(plane, (2, 1)), heights]), np.tile([0.0, 0, 1], (2 * n, 1)))
+    scene = pr.Scene()
+    scene.add(pr.Model(points, np.full(2 * n, radius)))
+    origins = np.column_stack([rng.uniform(-0.8, 0.8, (500, 2)), np.full(500, 3.0)])
+    down = crossings_of(scene, origins, [0, 0, -1])
+    up = crossings_of(scene, origins * [1, 1, -1], [0, 0, 1])
+    for found, start, direction in ((down, 3, -1), (up, -3, 1)):
+        assert (np.bincount(found.ray, minlength=500) == 3).all()
+        height = np.sort((start + direction * found.t).reshape(500, 3), axis=1) / radius
+        np.testing.assert_allclose(height, np.tile([0, gap / 2, gap], (500, 1)), atol=0.02)
+    assert down.entering.all() and not up.entering.any()
+
+
+@pytest.mark.parametrize("gap", [0.0, 0.005, 0.02])
+def test_models_may_be_as_near_to_each_other_as_they_like(rng, gap):
+    """A sphere in a slightly larger one; the gap in support radii. Four of them need the tree over instances."""
+    model = pr.Model(pr.procedural("sphere", 5000))
+    directions = rng.normal(size=(400, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    for count in (2, 4):
+        scene = pr.Scene()
+        for k in range(count):
+            scene.add(model, pr.transform(scale=1 + k * gap * float(np.median(model.radii))))
+        found = crossings_of(scene, -5 * directions, directions)
+        assert (np.bincount(found.ray, minlength=400) == 2 * count).all()
+        assert (np.bincount(found.instance) == 800).all() and (np.bincount(found.entering) == 400 * count).all()
+        assert (np.diff(found.t)[np.diff(found.ray) == 0] >= 0).all()
+
+
+def test_planes_within_a_model_are_crossed_too(balls, rng):
+    scene = pr.Scene()
+    scene.add(pr.Model(pr.procedural("sphere", 5000)))
+    plane = scene.add(pr.Plane((0, 0, 0), (0, 0, 1)))
+    other = scene.add(pr.Plane((0, 0, 0.5), (0, 0, 1)))
+    origins = np.column_stack([rng.uniform(-0.3, 0.3, (50, 2)), np.full(50, 3.0)])
+    found = crossings_of(scene, origins, [0, 0, -1])
+    assert found.instance.reshape(50, 4).tolist() == [[0, other, plane, 0]] * 50
+
+
 def test_limits_select_crossings(balls):
     found = crossings_of(balls, [-3, 0, 0], [1, 0, 0], [0, 2.5, 0], [np.inf, np.inf, 5])
     assert [found.t[found.ray == k].round(2).tolist() for k in range(3)] == [[2, 4, 6, 10], [4, 6, 10], [2, 4]]
