@@ -73,6 +73,30 @@ def test_one_ray_is_a_table_of_one_row(scene):
     assert len(scene.intersect(np.zeros((0, 3)), [0, 1, 0]).to_pandas()) == 0
 
 
+def test_rays_of_dask_arrays_are_traced_once(scene):
+    dask_array = pytest.importorskip("dask.array")
+    pytest.importorskip("pandas")
+    origins, direction = rays()
+    calls = []
+
+    def counted(block):
+        calls.append(block.shape)
+        return block
+
+    chunks = dask_array.from_array(origins, chunks=(1, 3, 3)).map_blocks(counted, meta=np.zeros((0, 0, 0)))
+    hits = scene.intersect(chunks, direction, attributes=("height", "axis"))
+    assert not calls
+    points = hits.to_points()
+    assert calls == [(1, 3, 3)] * 2
+    table = hits.to_pandas()
+    assert len(calls) == 4
+    whole = scene.intersect(origins, direction, attributes=("height", "axis"))
+    np.testing.assert_array_equal(points.world, whole.to_points().world)
+    for name, values in whole.to_points().attributes.items():
+        np.testing.assert_array_equal(points.attributes[name], values)
+    assert table.equals(whole.to_pandas())
+
+
 def test_a_missing_package_is_named(scene, monkeypatch):
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(ImportError, match="Hits.to_pandas needs pandas: pip install pandas"):
