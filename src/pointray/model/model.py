@@ -356,8 +356,9 @@ class Model(TraceableModel):
         TypeError
             If an argument has the wrong type.
         ValueError
-            If the surface is open and encloses nothing, like that of a terrain, if the resolution is out of its range,
-            or for a model in parts.
+            If the surface is open and encloses nothing, like that of a terrain, if its normals point inward (flip them
+            with `points.with_normals(-points.normals)`), if the resolution is out of its range, or for a model in
+            parts.
         ImportError
             If trimesh or scikit-image is not installed: `pip install 'pointray[mesh]'`.
 

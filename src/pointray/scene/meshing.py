@@ -39,6 +39,10 @@ NOT_CLOSED = (
     "the surface encloses no volume, or only parts thinner than a cell: a mesh needs a closed surface, and this one is "
     "open, like that of a terrain"
 )
+INWARD = (
+    "the surface encloses no volume, because its normals point inward: flip them with points.with_normals("
+    "-points.normals)"
+)
 
 
 class _Grid(NamedTuple):
@@ -83,11 +87,12 @@ def mesh_model(model: Model, resolution: int | None, progress: StageProgress | N
     scene = Scene()
     scene.add(model)
     grid = _grid_of(model, cells)
-    vertices, faces = _Mesher(model, scene.snapshot(), grid, in_stage(progress, "meshing")).run(measure)
+    mesher = _Mesher(model, scene.snapshot(), grid, in_stage(progress, "meshing"))
+    vertices, faces = mesher.run(measure)
     vertices, faces = _without_specks(vertices, faces, SPECK * grid.cell)
     missed = 1 - float(vertices.is_hit.mean())
-    if missed > TOO_OPEN:
-        raise ValueError(NOT_CLOSED)
+    if missed > TOO_OPEN or mesher.is_inward:
+        raise ValueError(INWARD if mesher.is_inward else NOT_CLOSED)
     if missed > OPEN:
         warnings.warn(
             f"{missed:.0%} of the mesh's vertices close holes of the surface, where there are no points", stacklevel=3
@@ -117,6 +122,12 @@ class _Mesher:
     def __init__(self, model: Model, scene: Snapshot, grid: _Grid, progress: Progress | None) -> None:
         self._model, self._scene, self._grid, self._progress = model, scene, grid, progress
         self._scattered = model.scattered
+        self._lines, self._first_entering, self._last_leaving = 0, 0, 0  # lines that cross the surface; of these
+
+    @property
+    def is_inward(self) -> bool:
+        """Whether most lines of the grid leave the surface at their first crossing, and enter it at their last one."""
+        return 2 * max(self._first_entering, self._last_leaving) < self._lines
 
     def run(self, measure: Any) -> tuple[_Vertices, Rows]:
         """Return vertices and triangles, (m, 3). measure : the module `skimage.measure`"""
@@ -148,7 +159,7 @@ class _Mesher:
             upper = upper[np.argsort(keys[upper])]
             top_keys, top_numbers = keys[upper], numbers[upper]
         if not found:
-            raise ValueError(NOT_CLOSED)
+            raise ValueError(INWARD if self.is_inward else NOT_CLOSED)
         return _Vertices(*(np.concatenate(column) for column in zip(*found, strict=True))), np.concatenate(triangles)
 
     def _spans(
@@ -170,6 +181,9 @@ class _Mesher:
         # One piece after each crossing, and one before the first crossing of each line.
         first = np.flatnonzero(np.diff(every.ray, prepend=-1))
         follows = np.append(every.ray[1:] == every.ray[:-1], False)
+        self._lines += len(first)
+        self._first_entering += int(every.entering[first].sum())
+        self._last_leaving += int((~every.entering[np.flatnonzero(np.diff(every.ray, append=-1))]).sum())
         after = np.append(every.t[1:], np.inf)
         leaving = np.append(~every.entering[1:], False)
         votes = np.concatenate([every.entering.astype(np.int8) + (leaving & follows), ~every.entering[first]])

@@ -87,8 +87,21 @@ def test_holes_are_closed_with_a_warning():
 def test_an_open_surface_has_no_mesh():
     grid = np.stack(np.meshgrid(*[np.linspace(-1, 1, 60)] * 2), axis=-1).reshape(-1, 2)
     hills = np.column_stack([grid, 0.1 * np.sin(3 * grid[:, 0]) * np.cos(2 * grid[:, 1])])
-    with pytest.raises(ValueError, match="encloses no volume"):
-        pr.Model(hills).to_mesh(40)
+    up = np.tile([0.0, 0, 1], (len(hills), 1))
+    for points in (hills, pr.Points(hills, up), pr.Points(hills, -up)):
+        with pytest.raises(ValueError, match="encloses no volume, or only parts"):
+            pr.Model(points).to_mesh(40)
+
+
+@pytest.mark.filterwarnings("ignore:most normals point inward")
+def test_normals_that_point_inward_are_named():
+    ball = pr.procedural("sphere", 5000)
+    cut = ball.select(ball.positions[:, 2] > -0.8)
+    for points in (ball, cut, pr.procedural("torus", 5000)):
+        with pytest.raises(ValueError, match="its normals point inward: flip them with points.with_normals"):
+            pr.Model(points.with_normals(-points.normals)).to_mesh(20)
+    twice = ball.with_normals(-ball.normals)
+    assert pr.Model(twice.with_normals(-twice.normals)).to_mesh(20).is_watertight
 
 
 def test_scattered_points_are_left_out(sphere, rng):
