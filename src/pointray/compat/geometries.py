@@ -93,14 +93,14 @@ class Geometries:
         vertices, faces = mesh_arrays(vertex_positions, triangle_indices, mesh)
         points, triangles = sample_triangles(vertices, faces, count)
         model = Model(points, smooth=0.0, scatter="surface")
-        number = self._scene.add(model)
-        self._triangles[number] = triangles
         spacing = model.spacing / 1.15
         warnings.warn(
             f"the mesh is represented by {count:,} points sampled every {spacing:.3g} units: edges are rounded within "
             "about that distance; `samples` changes it",
             stacklevel=2,
         )
+        number = self._scene.add(model)  # after the warning, which may be an error
+        self._triangles[number] = triangles
         return number
 
     def _primitives(

@@ -15,6 +15,8 @@ from .tensors import as_array, as_rows
 MIXED = 0.01  # share of edges that both triangles traverse in the same direction, from which normals are estimated
 FIRST, SECOND = 0.7548776662466927, 0.5698402909980532  # steps of the R2 sequence: even samples of a triangle
 
+NO_TRIANGLES = "triangle_indices: the mesh has no triangles; to add its vertices, use add_points"
+
 
 class Triangles(NamedTuple):
     """A mesh, and the triangle on which each sampled point lies.
@@ -58,7 +60,7 @@ def mesh_arrays(vertices: Any, triangles: Any, mesh: Any) -> tuple[Doubles, Rows
             f"triangle_indices must be integers of shape (m, 3), got {corners.dtype} of shape {corners.shape}"
         )
     if not len(corners):
-        raise ValueError("triangle_indices: the mesh has no triangles; to add its vertices, use add_points")
+        raise ValueError(NO_TRIANGLES)
     if corners.min() < 0 or corners.max() >= len(positions):
         odd = corners.min() if corners.min() < 0 else corners.max()
         raise ValueError(f"triangle_indices must be from 0 to {len(positions) - 1}, found {odd}")
@@ -68,6 +70,10 @@ def mesh_arrays(vertices: Any, triangles: Any, mesh: Any) -> tuple[Doubles, Rows
 def _parts_of(mesh: Any) -> tuple[Any, Any]:
     """Return vertices and triangles of a mesh of Open3D (tensors or legacy) or trimesh."""
     if hasattr(mesh, "vertex") and hasattr(mesh, "triangle"):
+        if "positions" not in mesh.vertex or "indices" not in mesh.triangle:
+            raise ValueError(
+                NO_TRIANGLES if "positions" in mesh.vertex else "vertex_positions: the mesh has no vertices"
+            )
         return mesh.vertex["positions"], mesh.triangle["indices"]
     for name in ("faces", "triangles"):  # trimesh has both, of which `triangles` are coordinates
         if hasattr(mesh, "vertices") and hasattr(mesh, name):
@@ -78,7 +84,8 @@ def _parts_of(mesh: Any) -> tuple[Any, Any]:
 def sample_triangles(vertices: Doubles, faces: Rows, count: int) -> tuple[Points, Triangles]:
     """Return `count` points spread evenly over a mesh, with the normals of the triangles, and their triangles.
 
-    If neighbouring triangles are oriented differently, a warning says so, and the points have no normals.
+    If neighbouring triangles are oriented differently, a warning says so, and the points have no normals. Triangles are
+    neighbours if they share two positions, also as different vertices.
 
     vertices : (v, 3); faces : (m, 3), indices of vertices
     """
@@ -96,8 +103,7 @@ def sample_triangles(vertices: Doubles, faces: Rows, count: int) -> tuple[Points
     u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
     weights = np.stack([1 - u - v, u, v], axis=1)
     positions = np.einsum("nk,nkc->nc", weights, corners[triangle])
-    keys = (faces * len(vertices) + np.roll(faces, -1, axis=1)).reshape(-1)
-    mixed = len(np.unique(keys)) < (1 - MIXED) * len(keys)
+    mixed = _are_mixed(vertices, faces)
     if mixed:
         warnings.warn(
             "the triangles of the mesh are oriented differently: normals are estimated from the sampled points",
@@ -105,3 +111,11 @@ def sample_triangles(vertices: Doubles, faces: Rows, count: int) -> tuple[Points
         )
     points = Points(positions, normals=None if mixed else normals[triangle])
     return points, Triangles(corners, normals, triangle)
+
+
+def _are_mixed(vertices: Doubles, faces: Rows) -> bool:
+    """Return whether neighbouring triangles are oriented differently. vertices : (v, 3); faces : (m, 3)"""
+    place = np.unique(vertices + 0.0, axis=0, return_inverse=True)[1].reshape(-1)  # -0.0 and 0.0 are the same
+    ends = place[faces]
+    keys = (ends * len(vertices) + np.roll(ends, -1, axis=1)).reshape(-1)
+    return bool(len(np.unique(keys)) < (1 - MIXED) * len(keys))

@@ -94,6 +94,31 @@ def test_triangles_of_mixed_orientation_have_a_warning():
         scene.add_triangles(CORNERS, mixed, samples=20_000)
     assert any("oriented differently" in str(one.message) for one in warned)
     assert scene.compute_occupancy([[0.5, 0.5, 0.5], [2, 2, 2]]).tolist() == [1, 0]
+    soup = np.arange(36).reshape(12, 3)  # three vertices for each triangle, as in a file of STL
+    with pytest.warns(UserWarning, match="oriented differently"):
+        assert sample_triangles(CORNERS[mixed].reshape(-1, 3), soup, 1000)[0].normals is None
+    assert sample_triangles(CORNERS[CUBE].reshape(-1, 3), soup, 1000)[0].normals is not None
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_warning_that_is_an_error_adds_nothing():
+    scene = RaycastingScene()
+    with pytest.raises(UserWarning, match=WARNED):
+        scene.add_triangles(CORNERS, CUBE, samples=20_000)
+    assert np.isinf(scene.cast_rays([[0.3, 0.4, 5, 0, 0, -1]])["t_hit"]).all()
+    assert scene.add_points(CORNERS, np.ones(8)) == 0
+
+
+def test_meshes_of_open3d_without_triangles_are_rejected():
+    open3d = pytest.importorskip("open3d", exc_type=ImportError)
+    mesh, scene = open3d.t.geometry.TriangleMesh(), RaycastingScene()
+    with pytest.raises(ValueError, match="vertex_positions: the mesh has no vertices"):
+        scene.add_triangles(mesh)
+    mesh.vertex.positions = open3d.core.Tensor(CORNERS)
+    with pytest.raises(ValueError, match="no triangles; to add its vertices, use add_points"):
+        scene.add_triangles(mesh)
+    with pytest.raises(ValueError, match=r"vertex_positions|triangle_indices"):
+        scene.add_triangles(open3d.geometry.TriangleMesh())
 
 
 WRONG = [
