@@ -13,15 +13,20 @@ from ..scene.world import Snapshot
 
 LEAST = 3  # rays that are cast even if fewer are requested: of single rays 1 of 6,000 is wrong (statue, 200,000 points)
 RETRIES = 3  # other directions for a ray whose number of crossings contradicts the first one
-DIRECTIONS = np.random.default_rng(0).normal(size=(64, 3))  # of the rays
+GREATEST = 99_999  # rays
 
 
 def check_samples(nsamples: Any) -> int:
     """Return a number of rays, odd and at least three; raise an error that names it if it is invalid."""
-    count = check_whole(nsamples, "nsamples", 1, len(DIRECTIONS) - RETRIES)
+    count = check_whole(nsamples, "nsamples", 1, GREATEST)
     if count % 2 == 0:
         raise wrong("nsamples", "odd", nsamples)
     return max(count, LEAST)
+
+
+def directions_of(count: int) -> Doubles:
+    """Return directions of rays, (count, 3); those of a smaller count are the first ones of a greater count."""
+    return np.random.default_rng(0).normal(size=(count, 3))
 
 
 def is_inside(scene: Snapshot, x: Doubles, count: int, threads: int | None) -> Flags:
@@ -30,10 +35,11 @@ def is_inside(scene: Snapshot, x: Doubles, count: int, threads: int | None) -> F
     count : number of rays for each position, odd; the majority decides
     """
     votes, known = np.zeros(len(x), np.int64), np.flatnonzero(np.isfinite(x).all(axis=1))
+    directions = directions_of(count + RETRIES)
     for k in range(count):
         left, inside = known, np.zeros(len(x), np.bool_)
         for turn in range(RETRIES + 1):
-            inside[left], agrees = _parity(scene, x[left], DIRECTIONS[k + turn], threads)
+            inside[left], agrees = _parity(scene, x[left], directions[k + turn], threads)
             left = left[~agrees]
             if not len(left):
                 break

@@ -20,6 +20,8 @@ from .occupancy import check_samples, is_inside
 from .pinhole import create_rays, create_rays_of_view
 from .tensors import as_rows
 
+MOST_THREADS = 1 << 16
+
 
 class RaycastingScene(Geometries):
     """Scene for ray casting and closest point queries, with the interface of `open3d.t.geometry.RaycastingScene`.
@@ -85,7 +87,8 @@ class RaycastingScene(Geometries):
         rays : (..., 6) array_like
             Origin and direction.
         tnear, tfar : float
-            Range of hits that count, in lengths of the direction.
+            Range of hits that count, in lengths of the direction. Hits behind the origin never count, and none does if
+            one of the limits is NaN.
         nthreads : int
             Number of threads; 0: all cores.
 
@@ -98,11 +101,9 @@ class RaycastingScene(Geometries):
         TypeError, ValueError
             If an argument has the wrong type, shape or value.
         """
-        near, far = (
-            check_number(value, name, "a number", lambda x: True) for value, name in ((tnear, "tnear"), (tfar, "tfar"))
-        )
+        near, far = _limit(tnear, "tnear"), _limit(tfar, "tfar")
         shape, (origins, directions, limits) = _check_rays(rays)
-        limits[:] = near, far
+        limits[:] = np.maximum(near, 0.0), far
         pace = Pace(_threads(nthreads))
         return occluded_snapshot(self._scene.snapshot(), shape, (origins, directions, limits), pace)
 
@@ -176,9 +177,9 @@ class RaycastingScene(Geometries):
         -------
         dict
             points : (..., 3) float32, NaN for queries that are not finite
-            geometry_ids, primitive_ids : (...) uint32
-            primitive_uvs : (..., 2) float32
-            primitive_normals : (..., 3) float32
+            geometry_ids, primitive_ids : (...) uint32, `INVALID_ID` for these
+            primitive_uvs : (..., 2) float32, 0 for these
+            primitive_normals : (..., 3) float32, NaN for these
 
         Raises
         ------
@@ -248,7 +249,7 @@ class RaycastingScene(Geometries):
         nthreads : int
             Number of threads; 0: all cores.
         nsamples : int
-            Number of rays for each position, odd; the majority decides. At least three are cast.
+            Number of rays for each position, odd, at most 99,999; the majority decides. At least three are cast.
 
         Returns
         -------
@@ -332,7 +333,14 @@ def _narrow(values: Doubles) -> Floats:
 
 
 def _threads(nthreads: Any) -> int | None:
-    return check_whole(nthreads, "nthreads", 0) or None
+    """Return a number of threads; None for all cores, or as many as there are."""
+    return min(check_whole(nthreads, "nthreads", 0), MOST_THREADS) or None
+
+
+def _limit(value: Any, name: str) -> float:
+    """Return a limit of rays, which may be infinite or NaN."""
+    is_nan = isinstance(value, float | np.floating) and bool(np.isnan(value))
+    return np.nan if is_nan else check_number(value, name, "a number", lambda x: True)
 
 
 def _check_rays(rays: Any) -> tuple[tuple[int, ...], Rays]:

@@ -94,6 +94,34 @@ def test_occlusions_agree(points, triangles, rays):
         assert (one[""] != other[""]).mean() < 0.01
 
 
+def test_limits_of_occlusions_are_those_of_open3d(points, triangles):
+    """From the centre, towards the sphere, and away from it."""
+    rays = np.array([[0, 0, 0, 1, 0.01, 0.02], [-5, 0.1, 0.1, 1, 0, 0], [5, 0.1, 0.1, 1, 0, 0]], np.float32)
+    nan, inf = np.nan, np.inf
+    expected = {(nan, inf): 0, (0, nan): 0, (-10, inf): 2, (-10, -1): 0, (-inf, inf): 2, (inf, inf): 0, (3, 2): 0}
+    for limits, count in expected.items():
+        one, other = same_form(points.test_occlusions(rays, *limits), triangles.test_occlusions(rays, *limits))
+        np.testing.assert_array_equal(one[""], other[""])
+        assert one[""].sum() == count
+
+
+def test_many_rays_and_threads_are_valid(points, triangles):
+    x = np.array([[0.2, 0.3, 0.1], [0, 0, 1.2]], np.float32)
+    one, other = same_form(points.compute_occupancy(x, nsamples=101), triangles.compute_occupancy(x, nsamples=101))
+    assert one[""].tolist() == other[""].tolist() == [1, 0]
+    ray = [[0, -5, 0.1, 0, 1, 0]]
+    for count in (1, 1000, 2**31, 2**70):
+        assert points.cast_rays(ray, nthreads=count)["t_hit"] == points.cast_rays(ray)["t_hit"]
+
+
+def test_closest_points_of_queries_that_are_not_finite(points):
+    found = points.compute_closest_points([[np.nan, 0, 0], [np.inf, 0, 0], [0, 0, 2]])
+    assert np.isnan(found["points"][:2]).all() and np.isnan(found["primitive_normals"][:2]).all()
+    assert (found["geometry_ids"] == points.INVALID_ID).tolist() == [True, True, False]
+    assert (found["primitive_ids"] == points.INVALID_ID).tolist() == [True, True, False]
+    assert not found["primitive_uvs"].any()
+
+
 def test_all_intersections_agree(points, triangles, rays):
     one, other = same_form(points.count_intersections(rays), triangles.count_intersections(rays))
     np.testing.assert_array_equal(one[""], other[""])
@@ -217,7 +245,8 @@ def test_rays_through_a_hole_do_not_make_outer_positions_inner(rng, monkeypatch)
     scene = RaycastingScene()
     scene.add_points(ball.select(ball.positions[:, 2] < 0))
     below = rng.uniform([-0.5, -0.5, -1.5], [0.5, 0.5, -1.1], (500, 3))
-    monkeypatch.setattr(occupancy, "DIRECTIONS", np.array([[0.1, 0, 1]] * 3 + [[1, 0.1, 0]] * 3))
+    directions = np.array([[0.1, 0, 1]] * 3 + [[1, 0.1, 0]] * 3)
+    monkeypatch.setattr(occupancy, "directions_of", lambda count: directions[:count])
     up = np.concatenate([below, np.tile([0.1, 0, 1], (500, 1))], axis=1)
     assert scene.count_intersections(up).tolist() == [1] * 500
     assert not scene.compute_occupancy(below).any()
@@ -240,6 +269,7 @@ WRONG = [
     ("compute_distance", ([[0, 0]],), {}, r"query_points must have the shape \(\.\.\., 3\)"),
     ("compute_occupancy", ([[0, 0, 0]],), {"nsamples": 2}, "nsamples must be odd"),
     ("compute_signed_distance", ([[0, 0, 0]],), {"nsamples": 0}, "nsamples must be a whole number"),
+    ("compute_occupancy", ([[0, 0, 0]],), {"nsamples": 100_001}, "nsamples must be a whole number from 1 to 99999"),
     ("cast_rays", ([[0] * 6],), {"nthreads": -1}, "nthreads must be a whole number from 0"),
     ("test_occlusions", ([[0] * 6],), {"tnear": "a"}, "tnear must be a number"),
     ("create_rays_pinhole", (60, [0, 0, 0], [0, 0, 5], [0, 0, 1], 3, 2), {}, "up must not be parallel"),
