@@ -10,8 +10,10 @@ from urllib.parse import unquote, urlsplit
 from urllib.request import url2pathname
 
 SCHEME = re.compile(r"([a-zA-Z][a-zA-Z0-9+.-]+)://")  # at least two letters: C:// is a drive
-COLLAPSED = re.compile(r"(https?|s3|gs|gcs):[/\\](?![/\\])")  # a URL that was turned into a path
+COLLAPSED = re.compile(r"(https?|s3a?|gs|gcs|s?ftp|ssh|abfss?|az):[/\\](?![/\\])", re.I)  # a URL turned into a path
+BEGINNING = re.compile(r"(?:[a-zA-Z][a-zA-Z0-9+.-]*:)?[/\\]*")  # scheme and slashes; a path object has one slash
 WEB = re.compile(r"https?://", re.I)
+HOST = re.compile(r"([^/?#]*)(.*)", re.S)  # with user name and password, and what follows
 LOCAL = ("file", "local")
 LONGEST = 120  # characters of a file name
 
@@ -33,14 +35,17 @@ def local_path_of(value: str | os.PathLike[str]) -> Path:
 
 
 def shown_url(url: str) -> str:
-    """Return a URL for messages: without user name, password, query and fragment, which may contain secrets."""
-    head, mark, rest = url.partition("://")
-    if not mark:
-        head, rest = "", url
-    bare, query, _ = rest.partition("?")
-    bare = bare.partition("#")[0]
-    host, slash, path = bare.partition("/")
-    return f"{head}{mark}{host.rpartition('@')[2]}{slash}{path}{'?...' if query else ''}"
+    """Return a URL for messages: without user name, password, query and fragment, which may contain secrets.
+
+    If an @ follows later than the host, a colon before may begin a password that contains / ? or #, such as
+    https://me:pass/word@host/a.ply: nothing but the scheme is shown.
+    """
+    start = BEGINNING.match(url)[0]  # type: ignore[index]  # it matches any text
+    host, later = HOST.match(url, len(start)).groups()  # type: ignore[union-attr]
+    if ":" in host and "@" in later:
+        return f"{start}..."
+    path, query, _ = later.partition("#")[0].partition("?")
+    return f"{start}{host.rpartition('@')[2]}{path}{'?...' if query else ''}"
 
 
 def check_url(url: str) -> str:

@@ -33,7 +33,13 @@ def test_urls_are_detected(value, remote):
     [
         ("https://host/a.laz", "https://host/a.laz"),
         ("https://me:secret@host:80/a.laz", "https://host:80/a.laz"),
-        ("https://me:se@cret@host/a@b.laz", "https://host/a@b.laz"),
+        ("https://me:se@cret@host/a.laz", "https://host/a.laz"),
+        ("https://host/a@b.laz", "https://host/a@b.laz"),
+        ("https://me:se@c/secret@host/a.laz", "https://..."),  # or a file secret@host/a.laz
+        ("https://me:123/secret@host/a.laz", "https://..."),
+        ("https://me:123?secret@host/a.laz", "https://..."),
+        ("https://host/a.laz?mail=me@secret", "https://host/a.laz?..."),
+        ("https://host/a.laz#part?secret", "https://host/a.laz"),
         ("https://host/a.laz?X-Signature=secret&x=1", "https://host/a.laz?..."),
         ("https://host/a.laz#secret", "https://host/a.laz"),
         ("https://host?secret", "https://host?..."),
@@ -44,6 +50,29 @@ def test_messages_show_urls_without_secrets(url, shown):
     assert shown_url(url) == shown
     file = RemoteFile(url)
     assert str(file) == shown and "secret" not in repr(file)
+
+
+@pytest.mark.parametrize(
+    "address, shown",
+    [
+        ("https://me:sec/secret@host/a.ply", "https://..."),
+        ("https://me:sec?secret@host/a.ply", "https://..."),
+        ("https://me:sec#secret@host/a.ply", "https://..."),
+        ("https://me:sec/secret@host/a.ply?x=a@secret", "https://..."),
+        ("s3://key:sec/secret@bucket/a.ply", "s3://..."),
+        ("https:/me:secret@host/a.ply", "https:/host/a.ply"),
+        ("HTTPS:/me:secret@host/a.ply", "HTTPS:/host/a.ply"),
+        ("https:/me:sec/secret@host/a.ply", "https:/..."),
+        (Path("https://me:secret@host/a.ply"), "https:/host/a.ply"),
+        (Path("sftp://me:secret@host/a.ply"), "sftp:/host/a.ply"),
+        (Path("https://me:sec?secret@host/a.ply"), "https:/..."),
+    ],
+)
+def test_messages_about_broken_urls_contain_no_secrets(address, shown):
+    with pytest.raises(ValueError) as caught:
+        pr.read(address)
+    text = str(caught.value).replace("\\", "/")  # of paths on Windows
+    assert text.startswith(f"{shown}: ") and "sec" not in text
 
 
 @pytest.mark.parametrize(
