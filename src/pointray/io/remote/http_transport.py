@@ -47,7 +47,14 @@ class HttpTransport(Transport):
         return self._start(self._fetch(start, stop, facts))
 
     def download(self, out: Output, facts: RemoteFacts, progress: Progress | None) -> None:
-        result_of(self._start(self._download(out, facts, progress)))
+        shares = [0.0]  # the last one counts; a callback that raised in fsspec's thread would end that thread
+
+        def report() -> None:
+            if progress is not None and shares[-1] > 0:
+                progress(shares[-1])
+
+        result_of(self._start(self._download(out, facts, shares)), report)
+        report()
 
     def _start(self, work: Any) -> Future[Any]:
         return asyncio.run_coroutine_threadsafe(work, self._files.loop)
@@ -130,7 +137,7 @@ class HttpTransport(Transport):
                 raise lost_error(self._shown, " before all bytes were received")
             return data
 
-    async def _download(self, out: Output, facts: RemoteFacts, progress: Progress | None) -> None:
+    async def _download(self, out: Output, facts: RemoteFacts, shares: list[float]) -> None:
         async with self._answer() as response:
             if response.status != 200:
                 raise status_error(response.status, self._shown)
@@ -142,8 +149,8 @@ class HttpTransport(Transport):
             async for block in response.content.iter_chunked(BLOCK):
                 out.write(block)
                 done += len(block)
-                if progress is not None and size:
-                    progress(min(done / size, 1.0))
+                if size:
+                    shares[-1] = min(done / size, 1.0)
             if size is not None and done != size:
                 raise lost_error(self._shown, f" after {done:,} of {size:,} bytes")
 

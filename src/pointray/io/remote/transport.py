@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from concurrent.futures import Future, wait
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
@@ -71,11 +72,15 @@ class Transport(ABC):
         """
 
 
-def result_of(future: Future[T]) -> T:
-    """Wait for the result of another thread; Ctrl-C interrupts the wait and cancels the work."""
+def result_of(future: Future[T], report: Callable[[], None] | None = None) -> T:
+    """Wait for the result of another thread; Ctrl-C interrupts the wait and cancels the work.
+
+    report : called in this thread every `POLL` seconds; its exceptions, too, cancel the work
+    """
     try:
         while not wait([future], POLL).done:
-            pass
+            if report is not None:
+                report()
         return future.result()
     except BaseException:
         future.cancel()

@@ -3,6 +3,7 @@
 import gzip
 import os
 import tempfile
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 import pointray as pr
 from helpers.copc_files import write_copc
 from helpers.file_server import file_server
+from helpers.viewer_client import SECONDS
 from pointray.io.files import headers, open_files, request_of
 from pointray.io.previews import preview_resolution
 from pointray.io.remote import remote_file, transport
@@ -305,6 +307,29 @@ def test_copies_are_removed_when_reading_fails(server, ply, tmp_path):
     with pytest.raises(KeyboardInterrupt):
         pr.read(url, progress=progress)
     assert seen[-1] == 1 and list(folder.iterdir()) == []
+
+
+@pytest.mark.parametrize("fault", ["", "stall whole"])
+@pytest.mark.parametrize("kind", [KeyboardInterrupt, SystemExit, RuntimeError])
+def test_exceptions_of_the_progress_callback_stop_a_download(server, ply, kind, fault):
+    url, caught = server.add("a.ply", ply.read_bytes(), fault), []
+
+    def progress(stage, share):
+        if stage == "downloading a.ply" and share > 0:
+            raise kind
+
+    def read():
+        try:
+            pr.read(url, progress=progress)
+        except BaseException as error:
+            caught.append(type(error))
+
+    thread = threading.Thread(target=read, daemon=True)
+    thread.start()
+    thread.join(SECONDS)
+    assert caught == [kind]
+    server.faults["a.ply"] = ""
+    assert len(pr.read(url)) == 1000  # the thread of fsspec is alive
 
 
 def test_a_copy_lasts_until_it_is_released(server, ply):
