@@ -11,7 +11,7 @@ import pytest
 
 import pointray as pr
 from helpers.copc_files import write_copc
-from helpers.file_server import file_server
+from helpers.file_server import file_server, no_proxies  # noqa: F401
 from helpers.viewer_client import SECONDS
 from pointray.io.files import headers, open_files, request_of
 from pointray.io.previews import preview_resolution
@@ -20,6 +20,7 @@ from pointray.io.remote.remote_file import RemoteFile, location_of
 
 pytest.importorskip("fsspec")
 pytest.importorskip("aiohttp")
+pytestmark = pytest.mark.usefixtures("no_proxies")
 LEVELS, SPACING = 4, 16.0
 
 
