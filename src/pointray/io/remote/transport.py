@@ -71,6 +71,10 @@ class Transport(ABC):
         progress : called with the completed share; not called if the size is unknown
         """
 
+    def check(self, facts: RemoteFacts) -> None:
+        """Raise OSError if the file has changed since `probe`, unless `fetch` and `download` notice that themselves."""
+        return
+
 
 def result_of(future: Future[T], report: Callable[[], None] | None = None) -> T:
     """Wait for the result of another thread; Ctrl-C interrupts the wait and cancels the work.
