@@ -81,7 +81,9 @@ def store_error(error: Any, url: str, shown: str) -> Exception:
 
     name, text = type(error).__name__, _without_secrets(str(error), url, shown)
     if isinstance(error, ImportError):
-        return MissingPackageError(f"{shown} needs further packages ({text}): pip install 'pointray[remote]'")
+        known = url.partition(":")[0].lower() in ("http", "https", "s3", "gs", "gcs")
+        advice = f" ({text}): pip install 'pointray[remote]'" if known else f": {text}"
+        return MissingPackageError(f"{shown} needs further packages{advice}")
     if isinstance(error, FileNotFoundError):
         return FileNotFoundError(errno.ENOENT, "not found: check the address", shown)
     if isinstance(error, PermissionError) or "Credential" in name:

@@ -128,6 +128,12 @@ def test_errors_of_packages_name_no_secrets(error, kind, message):
     assert shown in str(caught.value) and "secret" not in str(caught.value)
 
 
+def test_packages_that_are_no_extras_are_named_by_fsspec():
+    found = store_error(ImportError("Install adlfs to access Azure"), "abfs://me:secret@a/b.laz", "abfs://a/b.laz")
+    assert str(found) == "abfs://a/b.laz needs further packages: Install adlfs to access Azure"
+    assert isinstance(found, ImportError)
+
+
 @pytest.mark.parametrize("url", ["https://host/a.laz", "s3://bucket/a.laz", "memory://a.laz"])
 def test_a_missing_package_is_an_error_with_the_command_that_installs_it(url, monkeypatch):
     monkeypatch.setitem(sys.modules, "fsspec", None)
