@@ -15,7 +15,7 @@ BEGINNING = re.compile(r"(?:[a-zA-Z][a-zA-Z0-9+.-]*:)?[/\\]*")  # scheme and sla
 WEB = re.compile(r"https?://", re.I)
 HOST = re.compile(r"([^/?#]*)(.*)", re.S)  # with user name and password, and what follows
 LOCAL = ("file", "local")
-LONGEST = 120  # characters of a file name
+LONGEST = 120  # bytes of a file name in UTF-8; most file systems allow 255
 
 
 def is_url(value: Any) -> bool:
@@ -49,7 +49,7 @@ def shown_url(url: str) -> str:
 
 
 def check_url(url: str) -> str:
-    """Return a URL; raise ValueError if it has no host or path, or is a chain of several file systems."""
+    """Return a URL; raise ValueError if it is invalid, lacks its host (http, https), or chains several file systems."""
     shown = shown_url(url)
     if "::" in url.partition("?")[0] and not WEB.match(url):  # in http://[::1]/ it is part of the host
         raise ValueError(f"{shown}: chained URLs are unsupported; download the file first")
@@ -58,7 +58,9 @@ def check_url(url: str) -> str:
     try:
         parts = urlsplit(url)
         host, _ = parts.hostname, parts.port
-    except ValueError:
+        if WEB.match(url):
+            (host or "").encode("idna")
+    except ValueError:  # also of the encoding, for http://a..b/
         raise ValueError(f"{shown}: invalid URL") from None
     if parts.scheme in ("http", "https") and not host:
         raise ValueError(f"{shown}: invalid URL: the host is missing")
@@ -73,5 +75,5 @@ def file_name_of(url: str) -> str:
 
 def clean_name(name: str) -> str:
     """Return a file name without characters that a file system may refuse, and not too long; keep its extension."""
-    name = re.sub(r'[\x00-\x1f\x7f/\\:*?"<>|]', "_", name).lstrip(". ")
-    return name[-LONGEST:] or "download"
+    name = re.sub(r'[\x00-\x1f\x7f/\\:*?"<>|]', "_", name)
+    return name.encode(errors="ignore")[-LONGEST:].decode(errors="ignore").lstrip(". ") or "download"

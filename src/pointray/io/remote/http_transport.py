@@ -69,8 +69,8 @@ class HttpTransport(Transport):
             total=None, connect=transport.CONNECT, sock_connect=transport.CONNECT, sock_read=transport.READ
         )
         headers["Accept-Encoding"] = "identity"
-        url = self._files.encode_url(self._url)
         try:
+            url = self._files.encode_url(self._url)
             async with session.get(url, headers=headers, timeout=limits, max_redirects=REDIRECTS) as response:
                 yield response
         except TimeoutError as error:
@@ -78,7 +78,7 @@ class HttpTransport(Transport):
             raise timeout_error(self._shown, transport.CONNECT if connecting else transport.READ) from None
         except aiohttp.TooManyRedirects:
             raise OSError(errno.ELOOP, f"more than {REDIRECTS} redirects: check the address", self._shown) from None
-        except (aiohttp.InvalidURL, getattr(aiohttp, "NonHttpUrlClientError", aiohttp.InvalidURL)):
+        except (aiohttp.InvalidURL, getattr(aiohttp, "NonHttpUrlClientError", aiohttp.InvalidURL), UnicodeError):
             raise ValueError(f"{self._shown}: invalid URL, or a redirect to one") from None
         except (aiohttp.ClientConnectorCertificateError, aiohttp.ClientConnectorSSLError):
             why = "no secure connection to the server: its certificate is invalid or unknown"

@@ -83,6 +83,8 @@ def test_messages_about_broken_urls_contain_no_secrets(address, shown):
         ("http://host:port/a.ply", "invalid URL"),
         ("http://me:secret@host/a b.ply", "write %20"),
         ("http://host/a\nb.ply", "control characters"),
+        ("http://me:secret@a..b/a.ply", r"^http://a\.\.b/a\.ply: invalid URL"),
+        (f"https://{'a' * 64}.org/a.ply", r"^https://a{64}\.org/a\.ply: invalid URL"),
         ("zip://a.ply::https://host/a.zip", "chained"),
     ],
 )
@@ -115,6 +117,18 @@ def test_file_names_stay_in_their_folder(url, name):
 def test_long_names_keep_their_extension():
     name = clean_name("x" * 500 + ".copc.laz")
     assert len(name) == 120 and name.endswith(".copc.laz")
+
+
+@pytest.mark.parametrize("letter", ["é", "点", "\U0001f5ff"])
+def test_long_names_of_any_script_fit_the_file_system(letter, tmp_path):
+    name = file_name_of(f"https://host/{letter * 108}.copc.laz")
+    assert name.endswith(f"{letter}.copc.laz") and set(name) == set(f"{letter}.copc.laz")
+    assert 116 < len(name.encode()) <= 120
+    (tmp_path / name).touch()
+
+
+def test_names_may_contain_half_characters():
+    assert clean_name("a\ud800b.laz") == "ab.laz"
 
 
 def test_local_files_stay_paths(tmp_path):

@@ -212,6 +212,7 @@ FAULTS = {
     "changing": (OSError, "was modified while it was read"),
     "to http://127.0.0.1:1/a": (ConnectionError, "cannot connect to the server"),
     "to file:///etc/passwd": (ValueError, "or a redirect to one"),
+    "to http://a..b/a": (ValueError, "or a redirect to one"),
     "to ftp://127.0.0.1/a": (ValueError, "or a redirect to one"),
 }
 
