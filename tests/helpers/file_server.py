@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import socket
 import threading
@@ -10,6 +11,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
+
+import pytest
 
 PAGE = b"<!DOCTYPE html>\n<html><body>Please sign in</body></html>"
 
@@ -29,7 +32,7 @@ class FileServer:
         (compressed on the way), "to PATH" (a redirect), "lose one" (one connection is lost), "together" (no answer
         before a second request).
     sent : list of (str, int)
-        Path and number of bytes of the body of each answer.
+        Path and number of bytes of the body of each answer, recorded before it is sent.
     """
 
     address: str = ""
@@ -80,8 +83,9 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _answer(self, files: FileServer, path: str) -> None:
         fault, data = files.faults.get(path, "404"), files.files.get(path, b"")
-        earlier = sum(each == path for each, _ in files.sent)
-        files.sent.append((path, 0))
+        with files.arrived:
+            earlier = sum(each == path for each, _ in files.sent)
+            files.sent.append((path, 0))
         if fault == "together":
             with files.arrived:
                 files.arrived.wait_for(lambda: files.most_at_once > 1, 20)
@@ -126,13 +130,13 @@ class _Handler(BaseHTTPRequestHandler):
         for name, value in {"Content-Length": str(len(body) if length is None else length), **headers}.items():
             self.send_header(name, value)
         self.end_headers()
+        path = self.path.partition("?")[0].lstrip("/")
+        with files.arrived:  # before the client has the bytes and can ask for their number
+            files.sent[files.sent.index((path, 0))] = (path, len(body))
         try:
             self.wfile.write(body)
         except OSError:  # the client has what it needs
             self.close_connection = True
-            return
-        files.sent.append((self.path.partition("?")[0].lstrip("/"), len(body)))
-        files.sent.remove((self.path.partition("?")[0].lstrip("/"), 0))
 
 
 class _Server(ThreadingHTTPServer):
@@ -140,6 +144,13 @@ class _Server(ThreadingHTTPServer):
 
     def handle_error(self, *args: object) -> None:
         pass  # a client closed its connection
+
+
+@pytest.fixture
+def no_proxies(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Remove the proxies of the environment, which requests to this machine would be sent to."""
+    for name in [name for name in os.environ if name.lower().endswith("_proxy")]:
+        monkeypatch.delenv(name)
 
 
 @contextmanager

@@ -15,7 +15,7 @@ import pytest
 
 import pointray as pr
 from helpers.copc_files import write_copc
-from helpers.file_server import file_server
+from helpers.file_server import file_server, no_proxies  # noqa: F401
 from helpers.viewer_client import SECONDS
 from pointray.cli import execute
 from pointray.io.remote import transport
@@ -26,6 +26,7 @@ from pointray.viewer.shared_scene import SharedScene
 
 pytest.importorskip("fsspec")
 pytest.importorskip("aiohttp")
+pytestmark = pytest.mark.usefixtures("no_proxies")
 
 
 @pytest.fixture
@@ -140,12 +141,17 @@ def test_an_interrupt_removes_the_unfinished_download(server, scan, tmp_path):
     words = [sys.executable, "-m", "pointray", "convert", url, str(tmp_path / "out.ply")]
     environment = {**os.environ, "TMPDIR": str(folder)}
     process = subprocess.Popen(words, stderr=subprocess.PIPE, text=True, env=environment)
-    end = time.monotonic() + SECONDS
-    while not any(path.stat().st_size for path in folder.glob("*/statue.ply")) and time.monotonic() < end:
-        time.sleep(0.02)
-        assert process.poll() is None, process.stderr.read()
-    process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=SECONDS)
+    try:
+        end = time.monotonic() + SECONDS
+        while not any(path.stat().st_size for path in folder.glob("*/statue.ply")) and time.monotonic() < end:
+            time.sleep(0.02)
+            assert process.poll() is None, process.stderr.read()
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=SECONDS)
+    finally:
+        process.kill()  # nothing if it has ended
+        process.wait()
+        process.stderr.close()
     assert process.returncode == 130 and errors == ""
     assert not (tmp_path / "out.ply").exists() and list(folder.iterdir()) == []
 

@@ -10,10 +10,12 @@ from urllib.parse import unquote, urlsplit
 from urllib.request import url2pathname
 
 SCHEME = re.compile(r"([a-zA-Z][a-zA-Z0-9+.-]+)://")  # at least two letters: C:// is a drive
-COLLAPSED = re.compile(r"(https?|s3|gs|gcs):[/\\](?![/\\])")  # a URL that was turned into a path
+COLLAPSED = re.compile(r"(https?|s3a?|gs|gcs|s?ftp|ssh|abfss?|az):[/\\](?![/\\])", re.I)  # a URL turned into a path
+BEGINNING = re.compile(r"(?:[a-zA-Z][a-zA-Z0-9+.-]*:)?[/\\]*")  # scheme and slashes; a path object has one slash
 WEB = re.compile(r"https?://", re.I)
+HOST = re.compile(r"([^/?#]*)(.*)", re.S)  # with user name and password, and what follows
 LOCAL = ("file", "local")
-LONGEST = 120  # characters of a file name
+LONGEST = 120  # bytes of a file name in UTF-8; most file systems allow 255
 
 
 def is_url(value: Any) -> bool:
@@ -33,18 +35,21 @@ def local_path_of(value: str | os.PathLike[str]) -> Path:
 
 
 def shown_url(url: str) -> str:
-    """Return a URL for messages: without user name, password, query and fragment, which may contain secrets."""
-    head, mark, rest = url.partition("://")
-    if not mark:
-        head, rest = "", url
-    bare, query, _ = rest.partition("?")
-    bare = bare.partition("#")[0]
-    host, slash, path = bare.partition("/")
-    return f"{head}{mark}{host.rpartition('@')[2]}{slash}{path}{'?...' if query else ''}"
+    """Return a URL for messages: without user name, password, query and fragment, which may contain secrets.
+
+    If an @ follows later than the host, a colon before may begin a password that contains / ? or #, such as
+    https://me:pass/word@host/a.ply: nothing but the scheme is shown.
+    """
+    start = BEGINNING.match(url)[0]  # type: ignore[index]  # it matches any text
+    host, later = HOST.match(url, len(start)).groups()  # type: ignore[union-attr]
+    if ":" in host and "@" in later:
+        return f"{start}..."
+    path, query, _ = later.partition("#")[0].partition("?")
+    return f"{start}{host.rpartition('@')[2]}{path}{'?...' if query else ''}"
 
 
 def check_url(url: str) -> str:
-    """Return a URL; raise ValueError if it has no host or path, or is a chain of several file systems."""
+    """Return a URL; raise ValueError if it is invalid, lacks its host (http, https), or chains several file systems."""
     shown = shown_url(url)
     if "::" in url.partition("?")[0] and not WEB.match(url):  # in http://[::1]/ it is part of the host
         raise ValueError(f"{shown}: chained URLs are unsupported; download the file first")
@@ -53,7 +58,9 @@ def check_url(url: str) -> str:
     try:
         parts = urlsplit(url)
         host, _ = parts.hostname, parts.port
-    except ValueError:
+        if WEB.match(url):
+            (host or "").encode("idna")
+    except ValueError:  # also of the encoding, for http://a..b/
         raise ValueError(f"{shown}: invalid URL") from None
     if parts.scheme in ("http", "https") and not host:
         raise ValueError(f"{shown}: invalid URL: the host is missing")
@@ -68,5 +75,5 @@ def file_name_of(url: str) -> str:
 
 def clean_name(name: str) -> str:
     """Return a file name without characters that a file system may refuse, and not too long; keep its extension."""
-    name = re.sub(r'[\x00-\x1f\x7f/\\:*?"<>|]', "_", name).lstrip(". ")
-    return name[-LONGEST:] or "download"
+    name = re.sub(r'[\x00-\x1f\x7f/\\:*?"<>|]', "_", name)
+    return name.encode(errors="ignore")[-LONGEST:].decode(errors="ignore").lstrip(". ") or "download"

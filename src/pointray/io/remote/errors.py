@@ -7,10 +7,12 @@ import re
 from typing import Any
 
 from . import transport
+from .addresses import shown_url
 
 WEB_PAGE = re.compile(
     rb"(?:\xef\xbb\xbf)?\s*(?:<!--.*?-->\s*|<\?xml[^>]*\?>\s*)*<(?:!doctype\s+html|html)\b", re.I | re.S
 )
+URL = re.compile(r"[a-zA-Z][a-zA-Z0-9+.-]+:/\S+")
 
 
 class WebPageError(OSError, ValueError):
@@ -77,10 +79,11 @@ def store_error(error: Any, url: str, shown: str) -> Exception:
     """
     from ...base.extras import MissingPackageError
 
-    name, text = type(error).__name__, " ".join(str(error).split()).replace(url, shown)
-    text = re.sub(r"\?\S+", "?...", re.sub(r"//[^/\s@]+@", "//", text))[:200]
+    name, text = type(error).__name__, _without_secrets(str(error), url, shown)
     if isinstance(error, ImportError):
-        return MissingPackageError(f"{shown} needs further packages ({text}): pip install 'pointray[remote]'")
+        known = url.partition(":")[0].lower() in ("http", "https", "s3", "gs", "gcs")
+        advice = f" ({text}): pip install 'pointray[remote]'" if known else f": {text}"
+        return MissingPackageError(f"{shown} needs further packages{advice}")
     if isinstance(error, FileNotFoundError):
         return FileNotFoundError(errno.ENOENT, "not found: check the address", shown)
     if isinstance(error, PermissionError) or "Credential" in name:
@@ -97,5 +100,11 @@ def store_error(error: Any, url: str, shown: str) -> Exception:
     if isinstance(error, ValueError) and "Protocol not known" in str(error):
         return ValueError(f"{shown}: unsupported kind of address; supported: http, https, s3, gs and others of fsspec")
     if isinstance(error, OSError) and error.errno is not None:
-        return OSError(error.errno, error.strerror or text, shown)
+        return OSError(error.errno, _without_secrets(str(error.strerror or text), url, shown), shown)
     return OSError(errno.EIO, f"cannot be read: {name}: {text}", shown)
+
+
+def _without_secrets(text: str, url: str, shown: str) -> str:
+    """Return one line of at most 200 characters, whose URLs are shown without secrets. url, shown : see above"""
+    text = URL.sub(lambda found: shown_url(found[0]), " ".join(text.replace(url, shown).split()))
+    return re.sub(r"\?\S+", "?...", text)[:200]

@@ -47,7 +47,14 @@ class HttpTransport(Transport):
         return self._start(self._fetch(start, stop, facts))
 
     def download(self, out: Output, facts: RemoteFacts, progress: Progress | None) -> None:
-        result_of(self._start(self._download(out, facts, progress)))
+        shares = [0.0]  # the last one counts; a callback that raised in fsspec's thread would end that thread
+
+        def report() -> None:
+            if progress is not None and shares[-1] > 0:
+                progress(shares[-1])
+
+        result_of(self._start(self._download(out, facts, shares)), report)
+        report()
 
     def _start(self, work: Any) -> Future[Any]:
         return asyncio.run_coroutine_threadsafe(work, self._files.loop)
@@ -62,8 +69,8 @@ class HttpTransport(Transport):
             total=None, connect=transport.CONNECT, sock_connect=transport.CONNECT, sock_read=transport.READ
         )
         headers["Accept-Encoding"] = "identity"
-        url = self._files.encode_url(self._url)
         try:
+            url = self._files.encode_url(self._url)
             async with session.get(url, headers=headers, timeout=limits, max_redirects=REDIRECTS) as response:
                 yield response
         except TimeoutError as error:
@@ -71,7 +78,7 @@ class HttpTransport(Transport):
             raise timeout_error(self._shown, transport.CONNECT if connecting else transport.READ) from None
         except aiohttp.TooManyRedirects:
             raise OSError(errno.ELOOP, f"more than {REDIRECTS} redirects: check the address", self._shown) from None
-        except (aiohttp.InvalidURL, getattr(aiohttp, "NonHttpUrlClientError", aiohttp.InvalidURL)):
+        except (aiohttp.InvalidURL, getattr(aiohttp, "NonHttpUrlClientError", aiohttp.InvalidURL), UnicodeError):
             raise ValueError(f"{self._shown}: invalid URL, or a redirect to one") from None
         except (aiohttp.ClientConnectorCertificateError, aiohttp.ClientConnectorSSLError):
             why = "no secure connection to the server: its certificate is invalid or unknown"
@@ -130,7 +137,7 @@ class HttpTransport(Transport):
                 raise lost_error(self._shown, " before all bytes were received")
             return data
 
-    async def _download(self, out: Output, facts: RemoteFacts, progress: Progress | None) -> None:
+    async def _download(self, out: Output, facts: RemoteFacts, shares: list[float]) -> None:
         async with self._answer() as response:
             if response.status != 200:
                 raise status_error(response.status, self._shown)
@@ -142,8 +149,8 @@ class HttpTransport(Transport):
             async for block in response.content.iter_chunked(BLOCK):
                 out.write(block)
                 done += len(block)
-                if progress is not None and size:
-                    progress(min(done / size, 1.0))
+                if size:
+                    shares[-1] = min(done / size, 1.0)
             if size is not None and done != size:
                 raise lost_error(self._shown, f" after {done:,} of {size:,} bytes")
 

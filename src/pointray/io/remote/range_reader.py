@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import sys
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future
@@ -74,10 +75,13 @@ class RangeReader(io.RawIOBase):
         Size of the file in bytes.
     kept : Kept
         What other readers of the same file have fetched.
+    check : callable, optional
+        Raises OSError if the file has changed; called by `close` if pieces were fetched.
     """
 
-    def __init__(self, fetch: Fetch, size: int, kept: Kept) -> None:
+    def __init__(self, fetch: Fetch, size: int, kept: Kept, check: Callable[[], None] | None = None) -> None:
         self._fetch, self._size, self._kept, self._at = fetch, size, kept, 0
+        self._check, self._fetched = check, False
         # Requests of announced spans, by their index; those before `_first` are done.
         self._spans: list[Span] = []
         self._sent: dict[int, Future[bytes]] = {}
@@ -117,15 +121,24 @@ class RangeReader(io.RawIOBase):
     def keep(self, spans: Sequence[Span]) -> None:
         """Fetch spans, several at once, and keep them for this and other readers."""
         missing = [span for span in self._valid(spans) if self._kept.get(*span) is None]
+        self._fetched = self._fetched or bool(missing)
         with closing(RangeReader(self._fetch, self._size, self._kept)) as reader:
             reader.announce(missing)
             for start, stop in sorted(set(missing)):
                 self._kept.put(start, reader._piece(start, stop))
 
     def close(self) -> None:
-        if not self.closed:
-            self._drop()
+        if self.closed:
+            return
+        self._drop()
         super().close()
+        kind = sys.exc_info()[0]
+        if self._check is not None and self._fetched and (kind is None or issubclass(kind, Exception)):  # no Ctrl-C
+            self._check()
+
+    def __del__(self) -> None:
+        self._check = None  # an exception would be lost
+        super().__del__()
 
     def _valid(self, spans: Sequence[Span]) -> list[Span]:
         return [(start, stop) for start, stop in spans if 0 <= start < stop <= self._size]
@@ -135,6 +148,7 @@ class RangeReader(io.RawIOBase):
         known = self._kept.get(start, stop)
         if known is not None:
             return known
+        self._fetched = True
         number = bisect_right(self._spans, (start, self._size)) - 1
         if self._first <= number and stop <= self._spans[number][1]:
             for old in [k for k in self._sent if k < number]:

@@ -129,7 +129,11 @@ class RemoteFile:
         if not facts.ranges or facts.size is None:
             return None
         size, kept = facts.size, Kept(facts.head)
-        return RangedFile(lambda: RangeReader(lambda a, b: connection.fetch(a, b, facts), size, kept), size, self.name)
+
+        def reader() -> RangeReader:
+            return RangeReader(lambda a, b: connection.fetch(a, b, facts), size, kept, lambda: connection.check(facts))
+
+        return RangedFile(reader, size, self.name)
 
     def copy(self, progress: StageProgress | None = None) -> Path:
         """Return the path of the temporary copy, downloaded at the first call; an incomplete one is removed.

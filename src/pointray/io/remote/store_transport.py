@@ -41,8 +41,7 @@ class StoreTransport(Transport):
             facts = self._files.info(self._path)
             if facts.get("type") == "directory":
                 raise IsADirectoryError
-            size = facts.get("size")
-            tag = next((str(facts[name]) for name in TAGS if facts.get(name)), "")
+            size, tag = facts.get("size"), _tag_of(facts)
             head = bytes(self._files.cat_file(self._path, start=0, end=HEAD))[:HEAD] if size != 0 else b""
         return RemoteFacts(head, size, tag, size is not None)
 
@@ -63,6 +62,7 @@ class StoreTransport(Transport):
             with self._errors(), self._files.open(self._path, "rb") as stream:
                 while block := stream.read(BLOCK):
                     out.write(block)
+            self.check(facts)
             return
         size, waiting = facts.size, deque[Future[bytes]]()
         starts = iter(range(0, size, BLOCK))
@@ -75,9 +75,13 @@ class StoreTransport(Transport):
             done += len(block)
             if progress is not None:
                 progress(done / size)
+        self.check(facts)
+
+    def check(self, facts: RemoteFacts) -> None:
         with self._errors():
             self._files.invalidate_cache()
-            if self._files.info(self._path).get("size") != facts.size:
+            now = self._files.info(self._path)
+            if now.get("size") != facts.size or _tag_of(now) != facts.tag:
                 raise changed_error(self._shown)
 
     async def _fetch(self, start: int, stop: int) -> bytes:
@@ -99,6 +103,11 @@ class StoreTransport(Transport):
             if getattr(error, "filename", None) == self._shown or str(error).startswith(f"{self._shown}:"):
                 raise
             raise store_error(error, self._url, self._shown) from None
+
+
+def _tag_of(facts: dict[str, Any]) -> str:
+    """Return what identifies this version of a file. facts : what its store says about it"""
+    return next((str(facts[name]) for name in TAGS if facts.get(name)), "")
 
 
 def _timeouts(scheme: str) -> dict[str, Any]:

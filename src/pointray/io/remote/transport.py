@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from concurrent.futures import Future, wait
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
@@ -70,12 +71,20 @@ class Transport(ABC):
         progress : called with the completed share; not called if the size is unknown
         """
 
+    def check(self, facts: RemoteFacts) -> None:
+        """Raise OSError if the file has changed since `probe`, unless `fetch` and `download` notice that themselves."""
+        return
 
-def result_of(future: Future[T]) -> T:
-    """Wait for the result of another thread; Ctrl-C interrupts the wait and cancels the work."""
+
+def result_of(future: Future[T], report: Callable[[], None] | None = None) -> T:
+    """Wait for the result of another thread; Ctrl-C interrupts the wait and cancels the work.
+
+    report : called in this thread every `POLL` seconds; its exceptions, too, cancel the work
+    """
     try:
         while not wait([future], POLL).done:
-            pass
+            if report is not None:
+                report()
         return future.result()
     except BaseException:
         future.cancel()

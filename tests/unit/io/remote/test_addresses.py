@@ -33,7 +33,13 @@ def test_urls_are_detected(value, remote):
     [
         ("https://host/a.laz", "https://host/a.laz"),
         ("https://me:secret@host:80/a.laz", "https://host:80/a.laz"),
-        ("https://me:se@cret@host/a@b.laz", "https://host/a@b.laz"),
+        ("https://me:se@cret@host/a.laz", "https://host/a.laz"),
+        ("https://host/a@b.laz", "https://host/a@b.laz"),
+        ("https://me:se@c/secret@host/a.laz", "https://..."),  # or a file secret@host/a.laz
+        ("https://me:123/secret@host/a.laz", "https://..."),
+        ("https://me:123?secret@host/a.laz", "https://..."),
+        ("https://host/a.laz?mail=me@secret", "https://host/a.laz?..."),
+        ("https://host/a.laz#part?secret", "https://host/a.laz"),
         ("https://host/a.laz?X-Signature=secret&x=1", "https://host/a.laz?..."),
         ("https://host/a.laz#secret", "https://host/a.laz"),
         ("https://host?secret", "https://host?..."),
@@ -47,6 +53,29 @@ def test_messages_show_urls_without_secrets(url, shown):
 
 
 @pytest.mark.parametrize(
+    "address, shown",
+    [
+        ("https://me:sec/secret@host/a.ply", "https://..."),
+        ("https://me:sec?secret@host/a.ply", "https://..."),
+        ("https://me:sec#secret@host/a.ply", "https://..."),
+        ("https://me:sec/secret@host/a.ply?x=a@secret", "https://..."),
+        ("s3://key:sec/secret@bucket/a.ply", "s3://..."),
+        ("https:/me:secret@host/a.ply", "https:/host/a.ply"),
+        ("HTTPS:/me:secret@host/a.ply", "HTTPS:/host/a.ply"),
+        ("https:/me:sec/secret@host/a.ply", "https:/..."),
+        (Path("https://me:secret@host/a.ply"), "https:/host/a.ply"),
+        (Path("sftp://me:secret@host/a.ply"), "sftp:/host/a.ply"),
+        (Path("https://me:sec?secret@host/a.ply"), "https:/..."),
+    ],
+)
+def test_messages_about_broken_urls_contain_no_secrets(address, shown):
+    with pytest.raises(ValueError) as caught:
+        pr.read(address)
+    text = str(caught.value).replace("\\", "/")  # of paths on Windows
+    assert text.startswith(f"{shown}: ") and "sec" not in text
+
+
+@pytest.mark.parametrize(
     "url, message",
     [
         ("http:///a.ply", "the host is missing"),
@@ -54,6 +83,8 @@ def test_messages_show_urls_without_secrets(url, shown):
         ("http://host:port/a.ply", "invalid URL"),
         ("http://me:secret@host/a b.ply", "write %20"),
         ("http://host/a\nb.ply", "control characters"),
+        ("http://me:secret@a..b/a.ply", r"^http://a\.\.b/a\.ply: invalid URL"),
+        (f"https://{'a' * 64}.org/a.ply", r"^https://a{64}\.org/a\.ply: invalid URL"),
         ("zip://a.ply::https://host/a.zip", "chained"),
     ],
 )
@@ -86,6 +117,18 @@ def test_file_names_stay_in_their_folder(url, name):
 def test_long_names_keep_their_extension():
     name = clean_name("x" * 500 + ".copc.laz")
     assert len(name) == 120 and name.endswith(".copc.laz")
+
+
+@pytest.mark.parametrize("letter", ["é", "点", "\U0001f5ff"])
+def test_long_names_of_any_script_fit_the_file_system(letter, tmp_path):
+    name = file_name_of(f"https://host/{letter * 108}.copc.laz")
+    assert name.endswith(f"{letter}.copc.laz") and set(name) == set(f"{letter}.copc.laz")
+    assert 116 < len(name.encode()) <= 120
+    (tmp_path / name).touch()
+
+
+def test_names_may_contain_half_characters():
+    assert clean_name("a\ud800b.laz") == "ab.laz"
 
 
 def test_local_files_stay_paths(tmp_path):

@@ -3,6 +3,7 @@
 import gzip
 import os
 import tempfile
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,8 @@ import pytest
 
 import pointray as pr
 from helpers.copc_files import write_copc
-from helpers.file_server import file_server
+from helpers.file_server import file_server, no_proxies  # noqa: F401
+from helpers.viewer_client import SECONDS
 from pointray.io.files import headers, open_files, request_of
 from pointray.io.previews import preview_resolution
 from pointray.io.remote import remote_file, transport
@@ -18,6 +20,7 @@ from pointray.io.remote.remote_file import RemoteFile, location_of
 
 pytest.importorskip("fsspec")
 pytest.importorskip("aiohttp")
+pytestmark = pytest.mark.usefixtures("no_proxies")
 LEVELS, SPACING = 4, 16.0
 
 
@@ -209,6 +212,7 @@ FAULTS = {
     "changing": (OSError, "was modified while it was read"),
     "to http://127.0.0.1:1/a": (ConnectionError, "cannot connect to the server"),
     "to file:///etc/passwd": (ValueError, "or a redirect to one"),
+    "to http://a..b/a": (ValueError, "or a redirect to one"),
     "to ftp://127.0.0.1/a": (ValueError, "or a redirect to one"),
 }
 
@@ -305,6 +309,29 @@ def test_copies_are_removed_when_reading_fails(server, ply, tmp_path):
     with pytest.raises(KeyboardInterrupt):
         pr.read(url, progress=progress)
     assert seen[-1] == 1 and list(folder.iterdir()) == []
+
+
+@pytest.mark.parametrize("fault", ["", "stall whole"])
+@pytest.mark.parametrize("kind", [KeyboardInterrupt, SystemExit, RuntimeError])
+def test_exceptions_of_the_progress_callback_stop_a_download(server, ply, kind, fault):
+    url, caught = server.add("a.ply", ply.read_bytes(), fault), []
+
+    def progress(stage, share):
+        if stage == "downloading a.ply" and share > 0:
+            raise kind
+
+    def read():
+        try:
+            pr.read(url, progress=progress)
+        except BaseException as error:
+            caught.append(type(error))
+
+    thread = threading.Thread(target=read, daemon=True)
+    thread.start()
+    thread.join(SECONDS)
+    assert caught == [kind]
+    server.faults["a.ply"] = ""
+    assert len(pr.read(url)) == 1000  # the thread of fsspec is alive
 
 
 def test_a_copy_lasts_until_it_is_released(server, ply):

@@ -45,13 +45,36 @@ def test_copc_is_read_in_pieces(store, tmp_path, rng, monkeypatch):
     assert 0 < len(points) < 200
 
 
-def test_a_file_replaced_during_the_download_is_an_error(store):
+@pytest.mark.parametrize("more", [b"1 1 1\n", b""], ids=["another size", "the same size"])
+def test_a_file_replaced_during_the_download_is_an_error(store, more):
     store.pipe("/scans/a.xyz", b"0 0 0\n1 0 0\n0 1 0\n")
     file = location_of("memory://scans/a.xyz")
     assert file.facts.tag
-    store.pipe("/scans/a.xyz", b"0 0 0\n1 0 0\n0 1 0\n1 1 1\n")
+    store.pipe("/scans/a.xyz", b"0 0 0\n1 0 0\n0 1 0\n" + more)
     with pytest.raises(OSError, match="was modified while it was read"):
         file.copy()
+
+
+@pytest.mark.parametrize("announced", [False, True])
+def test_a_file_replaced_while_its_pieces_are_read_is_an_error(store, announced):
+    store.pipe("/scans/a.bin", bytes(10_000))
+    file = location_of("memory://scans/a.bin")
+    reader = file.pieces.open()
+    if announced:
+        reader.announce([(5000, 5010)])
+    reader.seek(5000)
+    assert reader.read(10) == bytes(10)
+    store.pipe("/scans/a.bin", b"x" * 10_000)
+    with pytest.raises(OSError, match="was modified while it was read"):
+        reader.close()
+    assert reader.closed
+    reader.close()
+    with file.pieces.open() as reader:  # nothing new is fetched
+        assert reader.read(10) == bytes(10)
+    with pytest.raises(KeyboardInterrupt), file.pieces.open() as reader:  # no further requests
+        reader.seek(6000)
+        reader.read(10)
+        raise KeyboardInterrupt
 
 
 @pytest.mark.parametrize(
@@ -90,6 +113,9 @@ class ReadTimeoutError(Exception):
         (ReadTimeoutError("secret"), TimeoutError, "no answer"),
         (PermissionError("Forbidden"), PermissionError, "access denied"),
         (OSError(errno.EIO, "bad disk"), OSError, "bad disk"),
+        (OSError(errno.EIO, "bad: https://me:secret@host/a?secret"), OSError, r"bad: https://host/a\?\.\.\."),
+        (OSError(errno.EIO, "bad s3://key:secret@bucket/a.laz"), OSError, "bad s3://bucket/a.laz"),
+        (KeyError("s3://me:sec/secret@bucket/a"), OSError, r"KeyError: 's3://\.\.\."),
         (KeyError("at https://me:secret@host/a?X-Signature=secret"), OSError, r"KeyError: 'at https://host/a\?\.\.\."),
         (ImportError("Install s3fs"), ImportError, r"pip install 'pointray\[remote\]'"),
     ],
@@ -100,6 +126,12 @@ def test_errors_of_packages_name_no_secrets(error, kind, message):
     with pytest.raises(kind, match=message) as caught:
         raise found
     assert shown in str(caught.value) and "secret" not in str(caught.value)
+
+
+def test_packages_that_are_no_extras_are_named_by_fsspec():
+    found = store_error(ImportError("Install adlfs to access Azure"), "abfs://me:secret@a/b.laz", "abfs://a/b.laz")
+    assert str(found) == "abfs://a/b.laz needs further packages: Install adlfs to access Azure"
+    assert isinstance(found, ImportError)
 
 
 @pytest.mark.parametrize("url", ["https://host/a.laz", "s3://bucket/a.laz", "memory://a.laz"])
