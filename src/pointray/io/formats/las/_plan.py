@@ -194,11 +194,12 @@ def _name(name: str, taken: set[str], losses: Losses) -> str:
 
     taken : names that are in use, to which it is added; losses : receives a note if the name is changed
     """
-    free, number = name.replace("\0", " ").encode()[:LONGEST_NAME].decode(errors="ignore"), 1
-    while free in taken or not free:
+    plain = name.replace("\0", " ").strip().encode(errors="replace") or b"extra"  # readers remove blanks at the ends
+    free, number = plain[:LONGEST_NAME].decode(errors="ignore").strip(), 1
+    while free in taken:
         number += 1
         tail = f"_{number}"
-        free = name.encode()[: LONGEST_NAME - len(tail)].decode(errors="ignore") + tail
+        free = plain[: LONGEST_NAME - len(tail)].decode(errors="ignore") + tail
     if free != name:
         losses.append(f"stores {name} as the extra bytes {free}")
     taken.add(free)

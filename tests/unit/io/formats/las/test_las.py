@@ -192,6 +192,17 @@ def test_colors_normals_and_other_attributes_are_written(tmp_path: Path) -> None
     assert again.attributes["flag"].dtype == np.uint8
 
 
+def test_names_are_reported_as_they_are_read(rng, tmp_path: Path) -> None:
+    names = [" ", " a ", "\0", "\ud800", "a", "b" * 31 + " c", "\u65e5" * 11, "b" * 31]
+    points = pr.Points(rng.random((20, 3)), attributes={name: np.arange(20) + k for k, name in enumerate(names)})
+    losses = write_points(tmp_path / "a.las", points)
+    again = pr.read(tmp_path / "a.las").attributes
+    new = ["extra", "a", "extra_2", "?", "a_2", "b" * 31, "\u65e5" * 10, "b" * 30 + "_2"]
+    assert losses == [f"stores {old} as the extra bytes {name}" for old, name in zip(names, new, strict=True)]
+    for k, name in enumerate(new):
+        np.testing.assert_array_equal(again[name], np.arange(20) + k, err_msg=name)
+
+
 @pytest.mark.parametrize(
     "names", [("nx", "ny", "nz"), ("Normal_X", "normal_y", "normal_z"), ("NormalX", "NormalY", "NormalZ")]
 )
