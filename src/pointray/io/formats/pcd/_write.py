@@ -112,8 +112,8 @@ def _columns_of(points: Points, losses: Losses) -> list[Column]:
         columns.append(Column("rgb", np.dtype("<f4"), 1, points.colors))
     kept = {name: values for name, values in points.attributes.items() if name != RESIDUAL or not float64}
     widths = {_plain(name): 1 if values.ndim == 1 else values.shape[1] for name, values in kept.items()}
-    triples = NORMAL_AXES if points.colors is not None else (*NORMAL_AXES, *CHANNELS)  # rgb comes before r, g, b
-    taken = RESERVED | set(NORMALS) | {name.lower() for name in names_with_roles(widths, triples)}
+    special = names_with_roles(widths, (*NORMAL_AXES, *CHANNELS))
+    taken = RESERVED | set(NORMALS) | {name.lower() for name in special}
     for name, array in kept.items():
         for title, values in separate_columns(name, array, losses, MOST).items():
             width = 1 if values.ndim == 1 else values.shape[1]
