@@ -23,6 +23,7 @@ from ..io.exchange.convert import is_path
 from ..io.formats._source import Writer
 from ..io.formats.splats import _spz_write, gaussians, splat
 from ..io.formats.splats._flat import counted, has_scales, lost_of_model, valid_rows
+from ..io.opening import named
 from ..model.model import Model
 from ..model.scan_inputs import is_saved
 from ..model.splat_points import splat_points
@@ -185,7 +186,7 @@ def write_model(
 
 def write_points(file: Path, points: Points, progress: StageProgress | None) -> WrittenSplats:
     """Write points that are splats already; return what the file contains."""
-    with replacing(file) as stream:
+    with replacing(file) as stream, named(str(file)):
         lost = WRITERS[file.suffix.lower()](stream, points, in_stage(progress, "writing"))
     return WrittenSplats(int(valid_rows(points).sum()), lost)
 

@@ -254,7 +254,7 @@ def write_points(
     """
     points = check_points(points)
     writer = writer_of(path, arguments.check_flag(compressed, "compressed"))
-    with replacing(path) as beside:
+    with replacing(path) as beside, named(str(path)):
         return writer(beside, points, progress)
 
 

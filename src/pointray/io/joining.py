@@ -156,9 +156,12 @@ def first_stations(parts: Sequence[Part]) -> list[int | None] | None:
 def scans_of(own: Column | None, rows: int, first: int | None) -> NDArray[np.int32]:
     """Return the index of each row's scanner position, counted over all files, (rows,), for the rows of one file.
 
-    own : (rows,), index among the positions of this file; None if it has only one
+    own : (rows,), index among the positions of this file, negative if unknown; None if it has only one
     first : index of the file's first position, counted over all files; None if it has none: all rows get -1
     """
     if first is None:
         return np.full(rows, NO_SCAN, np.int32)
-    return (np.asarray(0 if own is None else own, np.int64) + np.full(rows, first)).astype(np.int32)
+    if own is None:
+        return np.full(rows, first, np.int32)
+    index = np.asarray(own, np.int64)
+    return np.where(index < 0, NO_SCAN, index + first).astype(np.int32)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...cloud.georeference import RESIDUAL
 from ...cloud.points import Points
@@ -61,3 +63,22 @@ def unused_name(name: str, taken: set[str], losses: Losses, what: str, original:
         losses.append(f"stores {original} as {what} {free}")
     taken.add(free.lower())
     return free
+
+
+def separate_columns(name: str, values: NDArray[Any], losses: Losses, most: int = 1) -> dict[str, NDArray[Any]]:
+    """Return an attribute as columns by name: (n,) if it has one column, otherwise (n, k) with up to `most` columns.
+
+    An attribute with more columns is separated into (n,) arrays, named with the number of the column.
+
+    values : (n,) or (n, k); losses : receives a text if the attribute is separated, or has no columns
+    """
+    width = 1 if values.ndim == 1 else values.shape[1]
+    if width == 0:
+        losses.append(f"cannot store {name}: it has no columns")
+        return {}
+    if width == 1:
+        return {name: values.reshape(-1)}
+    if width <= most:
+        return {name: values}
+    losses.append(f"stores the {width} columns of {name} separately, as {name}_0 and so on")
+    return {f"{name}_{k}": values[:, k] for k in range(width)}

@@ -86,6 +86,18 @@ def roles_of(types: Mapping[str, tuple[np.dtype[Any], int]]) -> Roles:
     return Roles(positions, find(NORMALS, NORMAL_AXES, (3,)), find(COLORS, CHANNELS, (3, 4)))
 
 
+def names_with_roles(widths: Mapping[str, int], triples: Sequence[tuple[str, ...]] = ()) -> set[str]:
+    """Return the names of attributes that readers would take for positions, normals or colours.
+
+    widths : numbers per row of each attribute, by name
+    triples : names in lower case of three columns of one number each, such as those of normals
+    """
+    single = {name.lower() for name, width in widths.items() if width == 1}
+    found = {name for triple in triples if single >= set(triple) for name in triple}
+    arrays = {**dict.fromkeys((*POSITIONS, *NORMALS), (3,)), **dict.fromkeys(COLORS, (3, 4))}
+    return {n for n, width in widths.items() if n.lower() in found or width in arrays.get(n.lower(), ())}
+
+
 def own(column: NDArray[Any]) -> NDArray[Any]:
     """Return a contiguous array in native byte order: the column itself if it is one."""
     return np.asarray(column, column.dtype.newbyteorder("="), order="C")

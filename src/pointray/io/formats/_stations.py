@@ -1,7 +1,8 @@
-"""Division of points by scanner position, for formats that store scans one after the other."""
+"""Division of points by scanner position, and back, for formats that store scans one after the other."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,6 +12,8 @@ from ...cloud.geographic import in_file
 from ...cloud.georeference import SCAN
 from ...cloud.points import Points
 from ._losses import Losses
+
+NO_SCAN = -1  # attribute "scan" of points of unknown scanners, as they are read again
 
 
 class Scan(NamedTuple):
@@ -35,22 +38,41 @@ class Scan(NamedTuple):
         return slice(begin, end) if self.rows is None else self.rows[begin:end]
 
 
-def scans_to_write(points: Points, losses: Losses) -> list[Scan]:
-    """Divide points by the attribute "scan", an index of the scanner positions; return the scans with points.
+class Division(NamedTuple):
+    """Scans of a file to be written.
 
-    Points of no position come last. `losses` receives texts about what changes.
+    Attributes
+    ----------
+    scans : list of Scan
+        Scans with points. Points of no scanner position come last.
+    states_scan : bool
+        Whether readers find the attribute "scan" by the scans, so that it needs no column.
+    """
+
+    scans: list[Scan]
+    states_scan: bool
+
+
+def scans_to_write(points: Points, losses: Losses) -> Division:
+    """Divide points by the attribute "scan", an index of the scanner positions.
+
+    losses : receives texts about what changes
     """
     stations = _stations_of(points)
     number = points.attributes.get(SCAN)
-    if not stations or (number is None and len(stations) == 1):
-        return [Scan(stations[0] if stations else None, None, len(points))]
-    if number is None or number.ndim > 1 or number.dtype.kind not in "iu":
+    usable = number is not None and number.ndim == 1
+    if not stations or (not usable and len(stations) == 1):
+        return Division([Scan(stations[0] if stations else None, None, len(points))], False)
+    if number is None or not usable:
         losses.append("cannot store the scanner positions: no attribute scan assigns points to them")
-        return [Scan(None, None, len(points))]
-    known = (number >= 0) & (number < len(stations))
-    index = np.where(known, number, len(stations)).astype(np.int32)
-    ends = np.cumsum(np.bincount(index, minlength=len(stations) + 1))
-    if len(points) == ends[0] or len(points) == ends[-1] - ends[-2]:  # all are in one scan
+        return Division([Scan(None, None, len(points))], False)
+    with np.errstate(invalid="ignore"):
+        known = (number >= 0) & (number < len(stations)) & (number == np.rint(number))
+    index = np.full(len(points), len(stations), np.int32)
+    index[known] = number[known]
+    counts = np.bincount(index, minlength=len(stations) + 1)
+    ends = np.cumsum(counts)
+    if len(points) == ends[0] or len(points) == counts[-1]:  # all are in one scan
         order: NDArray[np.integer[Any]] | None = None
     else:
         order = np.argsort(index, kind="stable")
@@ -62,10 +84,27 @@ def scans_to_write(points: Points, losses: Losses) -> list[Scan]:
         for place, begin, end in zip(places, (0, *ends[:-1]), ends, strict=True)
         if end > begin
     ]
-    empty = len(stations) - sum(scan.station is not None for scan in scans)
+    used = counts[:-1] > 0
+    states_scan = bool(used.any())
+    if states_scan and (np.append(np.cumsum(used) - 1, NO_SCAN)[index] != number).any():
+        losses.append("renumbers the attribute scan")
+    empty = len(stations) - int(used.sum())
     if empty:
         losses.append(f"cannot store {empty} scanner position{'s' * (empty > 1)} without points")
-    return scans
+    return Division(scans, states_scan)
+
+
+def scan_numbers(placed: Sequence[bool]) -> list[int]:
+    """Return the attribute "scan" of each scan of a file: the index of its scanner position.
+
+    Scans without a position get -1, -2 and so on if others have one, otherwise their number in the file.
+
+    placed : whether the file states the scanner position of each scan
+    """
+    if not any(placed):
+        return list(range(len(placed)))
+    known = np.cumsum(placed)
+    return [int(n - 1 if here else n - k - 1) for k, (n, here) in enumerate(zip(known, placed, strict=True))]
 
 
 def _stations_of(points: Points) -> list[tuple[float, float, float]]:

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ....cloud.geographic import in_file
-from ....cloud.georeference import RESIDUAL, SCAN, numbers_of
+from ....cloud.georeference import RESIDUAL, numbers_of
 from ....cloud.points import Points, are_finite
-from .._losses import Losses, unused_name
+from .._losses import Losses, separate_columns, unused_name
 from .._source import CHUNK
 from .._stations import Scan
 from .._world import is_float64, world_rows
@@ -73,8 +73,11 @@ class Field(NamedTuple):
         return np.dtype("q") if self.dtype.kind in "iu" and self.dtype.itemsize > 2 else self.dtype.newbyteorder("=")
 
 
-def fields_of(points: Points, scan: Scan, losses: Losses) -> list[Field]:
-    """Return the columns of a scan. losses : receives texts about what is stored otherwise"""
+def fields_of(points: Points, scan: Scan, losses: Losses, skip: Sequence[str] = ()) -> list[Field]:
+    """Return the columns of a scan.
+
+    losses : receives texts about what is stored otherwise; skip : attributes that need no column
+    """
     fields = _positions(points, scan)
     if not points.finite.all():
         fields.append(Field(STATE, lambda rows: _states(points, rows), np.dtype("u1"), (0, INVALID)))
@@ -85,20 +88,19 @@ def fields_of(points: Points, scan: Scan, losses: Losses) -> list[Field]:
     taken = {name.lower() for name in (*NORMALS, *COLORS, INVALID_COLOR)}
     exact = fields[0].grid is not None or is_float64(points)
     for name, values in points.attributes.items():
-        if name != SCAN or not points.georeference.stations:
-            fields += [] if name == RESIDUAL and exact else _of_attribute(name, values, taken, losses)
+        if name not in skip and not (name == RESIDUAL and exact):
+            fields += _of_attribute(name, values, taken, losses)
     return fields
 
 
 def _of_attribute(name: str, values: NDArray[Any], taken: set[str], losses: Losses) -> list[Field]:
     if name in STANDARD and values.ndim == 1 and values.dtype.kind in STANDARD[name][1]:
         return [_of_column(STANDARD[name][0], values, losses)]
-    plain = re.sub(r"^(?![A-Za-z_])", "_", re.sub(r"[^A-Za-z0-9_.-]", "_", name))
-    if values.ndim == 1:
-        return [_of_column(f"{PREFIX}:{unused_name(plain, taken, losses, 'the column', name)}", values, losses)]
-    names = [f"{plain}_{k}" for k in range(values.shape[1])]
-    titles = [unused_name(one, taken, losses, "the column", f"{name}_{k}") for k, one in enumerate(names)]
-    return [_of_column(f"{PREFIX}:{title}", values[:, k], losses) for k, title in enumerate(titles)]
+    fields = []
+    for title, column in separate_columns(name, values, losses).items():
+        plain = re.sub(r"^(?![A-Za-z_])", "_", re.sub(r"[^A-Za-z0-9_.-]", "_", title))
+        fields.append(_of_column(f"{PREFIX}:{unused_name(plain, taken, losses, 'the column', title)}", column, losses))
+    return fields
 
 
 def _of_column(name: str, values: NDArray[Any], losses: Losses) -> Field:
@@ -144,8 +146,9 @@ def _positions(points: Points, scan: Scan) -> list[Field]:
         known = points.georeference
         assert known.scale is not None and known.offset is not None
         grids = [(known.scale[k], known.offset[k] - float(station[k])) for k in range(3)]
+        least = [low for low, _ in limits]
         return [
-            Field(name, lambda rows, k=k: _numbers(points, rows)[:, k], np.dtype("i8"), limits[k], grids[k])  # type: ignore[misc]
+            Field(name, lambda rows, k=k: _numbers(points, rows, least)[:, k], np.dtype("i8"), limits[k], grids[k])  # type: ignore[misc]
             for k, name in enumerate(CARTESIAN)
         ]
     wide = is_float64(points) or bool(station.any())
@@ -162,16 +165,14 @@ def _positions(points: Points, scan: Scan) -> list[Field]:
     ]
 
 
-def _numbers(points: Points, rows: Rows) -> NDArray[np.int64]:
-    """Return the integer coordinates of the original file, (m, 3); 0 where a row is not finite."""
+def _numbers(points: Points, rows: Rows, missing: Sequence[int] = (0, 0, 0)) -> NDArray[np.int64]:
+    """Return the integer coordinates of the original file, (m, 3); `missing` where a row is not finite."""
     known, residual = points.georeference, points.attributes.get(RESIDUAL)
     with np.errstate(invalid="ignore"):
         numbers = numbers_of(known, in_file(known, points.positions[rows] + points.origin))
     if residual is not None and residual.shape == points.positions.shape:
         numbers += residual[rows]
-    finite = are_finite(points.positions[rows])
-    if not finite.all():
-        numbers[~finite] = numbers[finite].min(axis=0) if finite.any() else 0
+    numbers[~are_finite(points.positions[rows])] = missing
     return numbers
 
 
@@ -191,9 +192,11 @@ def _integer_limits(points: Points, scan: Scan) -> list[tuple[int, int]] | None:
         steps = np.abs(restored - in_file(known, local + points.origin)) / np.array(known.scale)
         rounded = np.abs(local) * np.float32(2.0**-23) / np.array(known.scale) + 1e-3
         is_kept = known.projection is not None or bool((steps <= rounded)[finite].all())
-        low, high = np.fmin(low, numbers.min(axis=0)), np.fmax(high, numbers.max(axis=0))
+        low, high = np.fmin(low, numbers[finite].min(axis=0)), np.fmax(high, numbers[finite].max(axis=0))
         if not is_kept or max(-low.min(), high.max()) > MOST_STEPS:
             return None
     if not np.isfinite(low).all():
-        return [(0, 0)] * 3
+        low, high = np.zeros(3), np.zeros(3)
+    if (low == high).all():  # libE57 cannot read scans whose columns all have 0 bits
+        high[0] += 1
     return [(int(a), int(b)) for a, b in zip(low, high, strict=True)]

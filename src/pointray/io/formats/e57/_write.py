@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import hashlib
 import os
+import re
 import uuid
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -13,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ....base.progress import Progress, report_progress
+from ....cloud.georeference import SCAN
 from ....cloud.points import Points
 from .._losses import Losses, georeference_losses, is_metre
 from .._source import CHUNK
@@ -21,21 +23,26 @@ from ._fields import NORMAL_PREFIX, NORMAL_URI, PREFIX, STATE, URI, Field, field
 from ._header import read_xml
 from ._scan import CARTESIAN, COLORS
 
+INVALID = re.compile("[^\t\n\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")  # characters that XML cannot contain
+
 
 def write(file: Any, points: Points, progress: Progress | None = None) -> Losses:
     """Write all data of the points to the file of a stream; return what E57 cannot store, in words."""
     from pye57 import libe57
 
     losses: Losses = []
-    scans = scans_to_write(points, losses)
+    scans, states_scan = scans_to_write(points, losses)
     unit = points.georeference.unit if points.georeference.projection is None else "degree"
     if unit is not None and not is_metre(unit):
         losses.append(f"cannot store the unit {unit}: coordinates in E57 files are metres")
     losses += georeference_losses(points, ("crs", "unit", "stations"))
+    if INVALID.search(points.georeference.crs or ""):
+        losses.append("leaves out control characters of the coordinate system")
     missing = len(points) - int(np.count_nonzero(points.finite))
     if missing:
         losses.append(f"marks {missing:,} row{'s' * (missing > 1)} without a finite position as invalid")
-    plan = [(scan, fields_of(points, scan, [] if k else losses)) for k, scan in enumerate(scans)]
+    skip = (SCAN,) if states_scan else ()
+    plan = [(scan, fields_of(points, scan, [] if k else losses, skip)) for k, scan in enumerate(scans)]
     with _as_os_errors():
         image = libe57.ImageFile(os.fspath(file.path), "w")
     done = 0
@@ -79,7 +86,7 @@ def _header(libe57: Any, image: Any, points: Points) -> Any:
         "formatName": "ASTM E57 3D Imaging Data File",
         "guid": f"{{{uuid.UUID(bytes=known.digest())}}}",
         "e57LibraryVersion": libe57.E57_LIBRARY_ID,
-        "coordinateMetadata": points.georeference.crs or "",
+        "coordinateMetadata": INVALID.sub("", points.georeference.crs or ""),
     }
     root = image.root()
     _fill(libe57, image, root, texts)

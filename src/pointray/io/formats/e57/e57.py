@@ -20,6 +20,7 @@ from ....cloud.georeference import SCAN, Georeference
 from ...colors import GREY
 from .._counts import count_mismatch
 from .._source import NO, SURE, Chunk, Faults, Format, Listing, Request, Source
+from .._stations import scan_numbers
 from ._fields import PREFIX
 from ._header import MAGIC, read_xml
 from ._scan import CARTESIAN, SPHERICAL, STATES, Field, Scan, scans_of
@@ -44,7 +45,7 @@ class E57Source(Source):
         root, size = read_xml(path)
         self._scans = scans = scans_of(root, size, self.faults)
         self._dtype = np.dtype("f4" if all(map(_is_single, scans)) else "f8")
-        self._columns = _columns(scans)
+        self._columns, self._numbers = _columns(scans), scan_numbers([scan.posed for scan in scans])
         facts = {"software": root.text_at("e57LibraryVersion"), "guid": root.text_at("guid")}
         self._facts: dict[str, Any] = {key: text for key, text in facts.items() if text}
         self._facts["scans"] = [scan.facts for scan in scans]
@@ -86,8 +87,8 @@ class E57Source(Source):
         attributes = {}
         own = {_plain(name): name for name in scan.fields if name in block}
         for name, dtype in self._columns.items():
-            if name == SCAN:
-                attributes[name] = np.full(n, number, dtype)
+            if name == SCAN and len(self._scans) > 1:
+                attributes[name] = np.full(n, self._numbers[number], dtype)
             elif name in own:
                 attributes[name] = block[own[name]].astype(dtype)
             else:
@@ -133,7 +134,7 @@ def _is_single(scan: Scan) -> bool:
 def _columns(scans: list[Scan]) -> dict[str, np.dtype[Any]]:
     """Return the dtype of each attribute of the scans by name.
 
-    If there are several scans, "scan", the number of the scan, is one of the attributes.
+    If there are several scans, "scan", from `scan_numbers`, is one of the attributes.
     """
     found: dict[str, list[np.dtype[Any]]] = {}
     for scan in scans:
@@ -161,11 +162,11 @@ def _plain(name: str) -> str:
 
 
 def _georeference(scans: list[Scan], crs: str) -> Georeference:
-    """Return the georeference of a file, in metres. If some scans have a pose, those without are placed at 0.
+    """Return the georeference of a file, in metres. Scans without a pose have no scanner position.
 
     crs : coordinate system stated in the file, or ""
     """
-    stations = tuple(scan.station for scan in scans) if any(scan.posed for scan in scans) else ()
+    stations = tuple(scan.station for scan in scans if scan.posed)
     scale, offset = _grid(scans)
     return Georeference(crs or None, "metre", scale, offset, stations, format="E57")
 
@@ -283,7 +284,8 @@ FORMAT = Format(
         "normals": "normalX, normalY, normalZ of the extension, rotated by the pose",
         "colors": "colorRed, colorGreen, colorBlue, converted from the scan's colour limits to 8 bits",
         "attributes": "intensity, row_index, column_index, time_stamp, return_index and all other numeric columns, "
-        "in the smallest type for the limits in the file; scaled integers as float64; scan: the number of the scan",
+        "in the smallest type for the limits in the file; scaled integers as float64; scan: the number of the scan, "
+        "negative for scans without a pose if others have one",
         "survey": "coordinateMetadata as the coordinate system; metres; scanner positions",
         "note": "images are ignored; written with one scan for each scanner position (attribute scan), without "
         "rotation; attributes that E57 does not define are columns of an extension",

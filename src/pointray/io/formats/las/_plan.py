@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 from ....base.arrays import Flags
 from ....cloud.georeference import RESIDUAL, Georeference
 from ....cloud.points import Points
-from .._losses import Losses, rows_left_out
+from .._losses import Losses, rows_left_out, separate_columns
+from .._named_columns import names_with_roles
 from ._crs import USER, WKT, records_for
 from ._grid import Grid, Rows
+from ._rows import NORMALS as NORMAL_NAMES
 
 CANDIDATES = (0, 2, 1, 6, 3, 7, 8)  # point formats without waveforms, smallest rows first
 MOST_EXTRAS, MOST_BYTES = 65535 // 192, 65535  # extra bytes that a record can describe; bytes of a row
@@ -157,9 +159,12 @@ def _extras_of(points: Points, format: int, standard: list[str], losses: Losses)
     dimensions = laspy.PointFormat(format)
     taken = PACKED | set(dimensions.dimension_names)
     extras: list[Extra] = []
+    widths = {name: 1 if values.ndim == 1 else values.shape[1] for name, values in points.attributes.items()}
     if points.normals is not None:
         extras += [Extra(name, points.normals[:, k]) for k, name in enumerate(NORMALS)]
-        taken |= set(NORMALS)
+        taken |= {*NORMALS, *(name for name in widths if name.lower() in NORMAL_NAMES[0])}
+    else:
+        taken |= names_with_roles(widths, NORMAL_NAMES)
     size = dimensions.size + 4 * len(extras)
     for name, values in points.attributes.items():
         if name in standard or name == RESIDUAL:
@@ -180,12 +185,8 @@ def _columns_of(name: str, values: NDArray[Any], taken: set[str], losses: Losses
     taken : names that are in use, to which the new ones are added; losses : receives notes on changed names
     """
     values = values.view(np.uint8) if values.dtype == np.bool_ else values
-    width = 1 if values.ndim == 1 else values.shape[1]
-    if width <= 3:
-        values = values[:, 0] if values.ndim == 2 and width == 1 else values
-        return [Extra(_name(name, taken, losses), values)] if width else []
-    losses.append(f"stores the {width} columns of {name} separately, as {name}_0 and so on")
-    return [Extra(_name(f"{name}_{k}", taken, losses), values[:, k]) for k in range(width)]
+    columns = separate_columns(name, values, losses, 3)
+    return [Extra(_name(title, taken, losses), column) for title, column in columns.items()]
 
 
 def _name(name: str, taken: set[str], losses: Losses) -> str:
@@ -193,11 +194,12 @@ def _name(name: str, taken: set[str], losses: Losses) -> str:
 
     taken : names that are in use, to which it is added; losses : receives a note if the name is changed
     """
-    free, number = name.replace("\0", " ").encode()[:LONGEST_NAME].decode(errors="ignore"), 1
-    while free in taken or not free:
+    plain = name.replace("\0", " ").strip().encode(errors="replace") or b"extra"  # readers remove blanks at the ends
+    free, number = plain[:LONGEST_NAME].decode(errors="ignore").strip(), 1
+    while free in taken:
         number += 1
         tail = f"_{number}"
-        free = name.encode()[: LONGEST_NAME - len(tail)].decode(errors="ignore") + tail
+        free = plain[: LONGEST_NAME - len(tail)].decode(errors="ignore") + tail
     if free != name:
         losses.append(f"stores {name} as the extra bytes {free}")
     taken.add(free)

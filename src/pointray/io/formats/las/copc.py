@@ -7,6 +7,7 @@ header; tests read the files with copclib and laspy.
 from __future__ import annotations
 
 import struct
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -61,17 +62,18 @@ def _octree_of(points: Points, plan: Plan) -> Octree:
     for start in range(0, len(rows), BATCH):
         xyz = coordinates(rows[start : start + BATCH])
         low, high = np.minimum(low, xyz.min(axis=0)), np.maximum(high, xyz.max(axis=0))
-    return build(rows, (low, high + _slack(low, high)), coordinates)
+    return build(rows, (low, high + _slack(low, high, scale)), coordinates)
 
 
-def _slack(low: Doubles, high: Doubles) -> float:
+def _slack(low: Doubles, high: Doubles, scale: Doubles) -> float:
     """Return what is added to the maximum of all coordinates, so that rounding puts no point outside of its node.
 
-    copclib computes the cubes of nodes from the minimum and the maximum in the header.
+    It is at least a step of the coordinates if all points coincide, so that the octree has a size. copclib computes
+    the cubes of nodes from the minimum and the maximum in the header.
 
-    low, high : (3,), minimum and maximum
+    low, high : (3,), minimum and maximum; scale : (3,), steps of the coordinates
     """
-    return 4 * float(np.spacing(np.abs((low, high)).max()))
+    return max(4 * float(np.spacing(np.abs((low, high)).max())), float(scale.max()) if (low == high).all() else 0.0)
 
 
 def _write(stream: Any, points: Points, what: tuple[Plan, Octree], progress: Progress | None) -> None:
@@ -94,7 +96,8 @@ def _write(stream: Any, points: Points, what: tuple[Plan, Octree], progress: Pro
         first = batch[0].begin
         compressor.compress_chunks([record.array[node.begin - first : node.end - first].tobytes() for node in batch])
         header.grow(record)
-        times = min(times[0], float(record.gps_time.min())), max(times[1], float(record.gps_time.max()))
+        finite = record.gps_time[np.isfinite(record.gps_time)]
+        times = float(finite.min(initial=times[0])), float(finite.max(initial=times[1]))
         report_progress(progress, batch[-1].end / len(octree.order))
     compressor.done()
     end = stream.tell()
@@ -102,9 +105,10 @@ def _write(stream: Any, points: Points, what: tuple[Plan, Octree], progress: Pro
     records = [laspy.VLR("copc", PAGE, "COPC hierarchy", page), *plan.trailing]
     header.start_of_first_evlr, header.number_of_evlrs = end, len(records)
     laspy.vlrs.vlrlist.VLRList(records).write_to(stream, as_extended=True)
+    times = times if times[0] <= times[1] else (0.0, 0.0)
     middle = octree.low + octree.side / 2
     facts = (*middle, octree.side / 2, octree.spacing, end + 60, len(page), *times)
-    header.maxs = header.maxs + _slack(header.mins, header.maxs)
+    header.maxs = header.maxs + _slack(header.mins, header.maxs, header.scales)
     header.vlrs[0] = laspy.VLR("copc", INFO, "COPC info", struct.pack("<5d2Q2d", *facts).ljust(160, b"\0"))
     last = stream.tell()
     stream.seek(0)
@@ -142,17 +146,31 @@ def _page_of(stream: Any, packing: Any, nodes: list[Node], start: int) -> bytes:
 
 
 def _with_wkt(points: Points) -> Points:
-    """Replace an EPSG code of points by well-known text, which COPC requires, if pyproj is installed and knows it."""
+    """Replace an EPSG code of points by well-known text, which COPC requires, if pyproj is installed and knows it.
+
+    WKT 2 is written for coordinate systems that WKT 1 cannot express, such as those of depths.
+    """
     known = points.georeference
     if known.crs is None or "[" in known.crs:
         return points
     try:
         import pyproj
 
-        text = pyproj.CRS.from_user_input(known.crs).to_wkt("WKT1_GDAL")
+        crs = pyproj.CRS.from_user_input(known.crs)
     except Exception:  # pyproj has many errors
         return points
-    return points.changed(georeference=replace(known, crs=text))
+    for version in ("WKT1_GDAL", "WKT2_2019"):
+        with suppress(Exception):
+            return points.changed(georeference=replace(known, crs=crs.to_wkt(version)))
+    return points
+
+
+def _has_pyproj() -> bool:
+    try:
+        import pyproj  # noqa: F401
+    except ImportError:
+        return False
+    return True
 
 
 def _require_wkt(header: Any, points: Points, losses: Losses) -> None:
@@ -162,7 +180,8 @@ def _require_wkt(header: Any, points: Points, losses: Losses) -> None:
         header.vlrs = [record for record in header.vlrs if (record.user_id, record.record_id) != (USER, KEYS)]
         known = points.georeference
         if known.crs or not is_metre(known.unit):
-            what = f"the coordinate system {known.crs}: install pyproj" if known.crs else f"the unit {known.unit}"
+            reason = "pyproj does not know it" if _has_pyproj() else "install pyproj"
+            what = f"the coordinate system {known.crs}: {reason}" if known.crs else f"the unit {known.unit}"
             losses.append(f"cannot store {what}")
 
 

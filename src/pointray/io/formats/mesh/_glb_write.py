@@ -19,7 +19,7 @@ from ....base.arrays import Rows
 from ....base.progress import Progress, report_progress
 from ....cloud.georeference import RESIDUAL
 from ....cloud.points import Points
-from .._losses import Losses, georeference_losses, rows_left_out, unused_name
+from .._losses import Losses, georeference_losses, rows_left_out, separate_columns, unused_name
 from .._source import CHUNK
 
 GENERATOR = "pointray"
@@ -135,13 +135,11 @@ def _columns_of(points: Points, losses: Losses) -> list[Column]:
     for name, values in points.attributes.items():
         if name == RESIDUAL:
             continue
-        table = values.reshape(len(values), -1)
-        pieces = {name: table} if table.shape[1] <= 4 else {f"{name}_{k}": table[:, [k]] for k in range(table.shape[1])}
-        for title, piece in pieces.items():
-            plain = re.sub(r"[^A-Za-z0-9_]+", "_", title)
+        for title, piece in separate_columns(name, values, losses, 4).items():
+            plain = re.sub(r"[^A-Za-z0-9_]+", "_", title).lower()  # readers cannot know the case
             used = unused_name(plain, taken, losses, "the attribute", title)
-            if piece.shape[1]:
-                columns.append(Column(f"_{used.upper()}", _stored_type(title, piece, losses), piece.shape[1], piece))
+            table = piece.reshape(len(piece), -1)
+            columns.append(Column(f"_{used.upper()}", _stored_type(title, table, losses), table.shape[1], table))
     return columns
 
 

@@ -15,15 +15,18 @@ from numpy.typing import NDArray
 
 from ....base.extras import require
 from ....base.progress import Progress, report_progress
+from ....cloud.geographic import in_file
 from ....cloud.georeference import RESIDUAL
 from ....cloud.points import Points
-from .._losses import Losses, georeference_losses, unused_name
+from .._losses import Losses, georeference_losses, separate_columns, unused_name
+from .._named_columns import CHANNELS, NORMAL_AXES, names_with_roles
 from .._source import CHUNK
 from .._world import is_float64, world_rows
 
 RESERVED = {"x", "y", "z", "_", "rgb", "rgba"}
 NORMALS = ("normal_x", "normal_y", "normal_z")
 KINDS = {"i": "I", "u": "U", "f": "F", "b": "U"}
+MOST = 2**31 - 1  # numbers of a field for a point
 LARGEST = 2**32 - 1  # bytes of compressed data: its size is a 32-bit number
 BLOCK = 1 << 20  # bytes compressed at a time
 LITERALS = 32  # largest run of bytes that are not compressed
@@ -59,10 +62,7 @@ def write_compressed(file: Any, points: Points, progress: Progress | None = None
     lzf, losses = require("lzf", "pcd", "compressed PCD"), Losses()
     columns = _columns_of(points, losses)
     size = len(points) * sum(c.dtype.itemsize * c.width for c in columns)
-    if size > LARGEST:
-        raise ValueError(
-            f"cannot be compressed: {size:,} bytes of points, a compressed PCD file has at most {LARGEST:,}"
-        )
+    _check_size(size)
     file.write(_header_of(columns, points, "binary_compressed", losses))
     start = file.tell()
     file.write(bytes(8))
@@ -73,12 +73,20 @@ def write_compressed(file: Any, points: Points, progress: Progress | None = None
             data = np.ascontiguousarray(values, column.dtype).tobytes()
             for at in range(0, len(data), BLOCK):
                 file.write(_packed(lzf, data[at : at + BLOCK]))
+            _check_size(file.tell() - start - 8)  # bytes that cannot be compressed grow by 1/32
             report_progress(progress, (k + part.stop / len(points)) / len(columns))
     end = file.tell()
     file.seek(start)
     file.write(np.array([end - start - 8, size], "<u4").tobytes())
     file.seek(end)
     return losses
+
+
+def _check_size(size: int) -> None:
+    if size > LARGEST:
+        raise ValueError(
+            f"cannot be compressed: {size:,} bytes of points, a compressed PCD file has at most {LARGEST:,}"
+        )
 
 
 def _packed(lzf: Any, data: bytes) -> bytes:
@@ -102,15 +110,21 @@ def _columns_of(points: Points, losses: Losses) -> list[Column]:
         columns += [Column(name, real, 1, points.normals[:, k]) for k, name in enumerate(NORMALS)]
     if points.colors is not None:
         columns.append(Column("rgb", np.dtype("<f4"), 1, points.colors))
-    taken = RESERVED | set(NORMALS)
-    for name, values in points.attributes.items():
-        width = 1 if values.ndim == 1 else values.shape[1]
-        if (name == RESIDUAL and float64) or not width:
-            continue
-        plain = re.sub(r"[^!-~]+", "_", name)
-        dtype = np.dtype("u1") if values.dtype == np.bool_ else values.dtype.newbyteorder("<")
-        columns.append(Column(unused_name(plain, taken, losses, "the field", name), dtype, width, values))
+    kept = {name: values for name, values in points.attributes.items() if name != RESIDUAL or not float64}
+    widths = {_plain(name): 1 if values.ndim == 1 else values.shape[1] for name, values in kept.items()}
+    special = names_with_roles(widths, (*NORMAL_AXES, *CHANNELS))
+    taken = RESERVED | set(NORMALS) | {name.lower() for name in special}
+    for name, array in kept.items():
+        for title, values in separate_columns(name, array, losses, MOST).items():
+            width = 1 if values.ndim == 1 else values.shape[1]
+            dtype = np.dtype("u1") if values.dtype == np.bool_ else values.dtype.newbyteorder("<")
+            columns.append(Column(unused_name(_plain(title), taken, losses, "the field", title), dtype, width, values))
     return columns
+
+
+def _plain(name: str) -> str:
+    """Return the name of an attribute with the characters that a name of a field can have."""
+    return re.sub(r"[^!-~]+", "_", name)
 
 
 def _values_of(points: Points, columns: list[Column], part: slice, first: int = 0) -> Iterator[NDArray[Any]]:
@@ -129,9 +143,11 @@ def _values_of(points: Points, columns: list[Column], part: slice, first: int = 
 
 def _header_of(columns: list[Column], points: Points, encoding: str, losses: Losses) -> bytes:
     """Return the header; append to `losses` what the file cannot store of the georeference."""
-    stations = points.georeference.stations
-    losses += georeference_losses(points, ("stations",) if len(stations) == 1 else ())
-    place = " ".join(map(repr, stations[0] if len(stations) == 1 else (0, 0, 0)))
+    known = points.georeference
+    is_single = len(known.stations) == 1
+    losses += georeference_losses(points, ("stations",) if is_single else ())
+    station = in_file(known, np.array(known.stations[:1] if is_single else [(0.0, 0.0, 0.0)]))[0].tolist()
+    turn = "-1 0 0 0" if is_single and not any(station) else "1 0 0 0"  # 0 0 0 1 0 0 0: unknown, the default
     lines = {
         "VERSION": "0.7",
         "FIELDS": " ".join(c.name for c in columns),
@@ -140,7 +156,7 @@ def _header_of(columns: list[Column], points: Points, encoding: str, losses: Los
         "COUNT": " ".join(str(c.width) for c in columns),
         "WIDTH": str(len(points)),
         "HEIGHT": "1",
-        "VIEWPOINT": f"{place} 1 0 0 0",
+        "VIEWPOINT": f"{' '.join(map(repr, station))} {turn}",
         "POINTS": str(len(points)),
         "DATA": encoding,
     }

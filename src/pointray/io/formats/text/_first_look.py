@@ -125,7 +125,7 @@ def _named(fields: list[str], top: Top, dialect: Dialect, columns: Sequence[str]
         return [name_of(name) for name in columns]
     headers = [top.header] if top.header is not None else top.comments[:-4:-1]
     for header in headers:
-        for texts in _split(header[:LONGEST_HEADER], dialect):
+        for texts in _split(_as_utf8(header)[:LONGEST_HEADER], dialect):
             names = names_of(texts)
             if names is not None and len(names) in (k, k + 1 if dialect.delimiters else k):
                 return names
@@ -135,6 +135,14 @@ def _named(fields: list[str], top: Top, dialect: Dialect, columns: Sequence[str]
             f"as in the first row: {shortened(row)}: {ADVICE}"
         )
     return None
+
+
+def _as_utf8(header: str) -> str:
+    """Return a line that was decoded as Latin-1 as the UTF-8 that it is; the line itself if it is not."""
+    try:
+        return header.encode("latin-1").decode()
+    except UnicodeDecodeError:
+        return header
 
 
 def _split(header: str, dialect: Dialect) -> list[list[str]]:

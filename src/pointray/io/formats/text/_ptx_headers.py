@@ -16,6 +16,7 @@ from ._lines import lines_of, shortened
 HEADER, SHORT = 1 << 14, 1 << 10  # maximum and usual bytes of the ten lines of a header
 LINES = 1 << 22  # bytes read at a time to count lines
 MOST_SCANS = 10_000
+NO_STATION = "-0 -0 -0"  # position of an unknown scanner, as pointray writes it; other programs read 0 0 0
 BEGIN = re.compile(rb"(?<=[\r\n])([ \t]*\d+[ \t]*(\r\n|\r|\n)){2}[ \t]*[-+.\w]+([ \t]+[-+.\w]+){2}[ \t]*[\r\n]")
 
 
@@ -36,6 +37,8 @@ class Scan(NamedTuple):
         Numbers in the first row: 4, or 7 with colours; 0 if there are no rows.
     rows : int
         Estimated number of rows in the file: `total` if it is complete.
+    placed : bool
+        Whether the scanner position is known.
     """
 
     shape: tuple[int, int]
@@ -44,6 +47,7 @@ class Scan(NamedTuple):
     line: int
     fields: int
     rows: int
+    placed: bool = True
 
     @property
     def total(self) -> int:
@@ -162,7 +166,8 @@ def _header(file: BinaryIO, offset: int, line: int, number: int) -> Scan | None:
     if columns * count and len(lines) > 10 and fields not in (4, 7):
         raise ValueError(f"line {start:,} has {fields} columns, expected 4 or 7: {shortened(lines[10][1])}")
     matrix = _matrix([row for _, row in rows[6:]], number)
-    return Scan((columns, count), matrix, offset + end, start, fields, columns * count)
+    placed = lines[2][1].strip() != NO_STATION or any(matrix[3][:3])
+    return Scan((columns, count), matrix, offset + end, start, fields, columns * count, placed)
 
 
 def _numbers_of(line: str) -> list[float]:

@@ -14,7 +14,8 @@ from ....cloud.georeference import SCAN
 from ....cloud.points import Points, are_finite
 from .._losses import Losses, column_losses, georeference_losses
 from .._stations import Scan, scans_to_write
-from ._decimals import Accept, Texts, coordinates, floats, joined, texts_of
+from ._decimals import ZERO, Accept, Texts, coordinates, floats, joined, texts_of
+from ._ptx_headers import NO_STATION
 from ._write import BLOCK
 
 INTENSITY, UNKNOWN = "intensity", 0.5  # value of points without an intensity
@@ -33,11 +34,15 @@ class Grid(NamedTuple):
 def write(file: Any, points: Points, progress: Progress | None = None) -> Losses:
     """Write points, colours and intensity to a stream as PTX; return what it cannot store, in words."""
     losses: Losses = []
-    scans = scans_to_write(points, losses)
+    scans, states_scan = scans_to_write(points, losses)
     grids = [_grid_of(points, scan) for scan in scans]
-    organised = any(grid.columns > 1 for grid in grids)
-    kept = (INTENSITY, SCAN, *((ROW, COLUMN) if organised else ()))
-    losses += column_losses(points, False, [name for name in kept if name != SCAN or points.georeference.stations])
+    organised = sum(grid.columns > 1 for grid in grids)
+    kept = (INTENSITY, *([SCAN] if states_scan else []), *((ROW, COLUMN) if organised else ()))
+    losses += column_losses(points, False, kept)
+    if 0 < organised < len(grids):
+        losses.append(f"cannot store {ROW}, {COLUMN} of {len(grids) - organised} of {len(grids)} scans: not a grid")
+    if any((np.diff(grid.cells[grid.cells >= 0]) < 0).any() for grid in grids):
+        losses.append("stores the points column by column of their grid, in another order")
     losses += georeference_losses(points, ("stations",))
     intensity = _intensity_of(points, losses)
     done, hidden, total = 0, 0, sum(len(grid.cells) for grid in grids)
@@ -58,9 +63,10 @@ def write(file: Any, points: Points, progress: Progress | None = None) -> Losses
 
 
 def _header_of(scan: Scan, grid: Grid) -> bytes:
-    place = " ".join(map(repr, (0, 0, 0) if scan.station is None else scan.station))
+    place = "0 0 0" if scan.station is None else " ".join(repr(x + 0.0) for x in scan.station)
     axes = ["1 0 0", "0 1 0", "0 0 1"]
-    lines = [str(grid.columns), str(grid.rows), place, *axes, *(f"{axis} 0" for axis in axes), f"{place} 1"]
+    stated = NO_STATION if scan.station is None else place
+    lines = [str(grid.columns), str(grid.rows), stated, *axes, *(f"{axis} 0" for axis in axes), f"{place} 1"]
     return ("\n".join(lines) + "\n").encode()
 
 
@@ -104,8 +110,9 @@ def _rows_of(
     at_scanner = ~missing
     for values, accept in coordinates(points, rows, scan.station):
         values[missing] = 0
-        at_scanner &= values == 0
-        texts.append(floats(values, partial(_or_missing, accept, missing)))
+        text = floats(values, partial(_or_missing, accept, missing))
+        at_scanner &= (np.count_nonzero(text, axis=0) == 1) & (text == ZERO).any(axis=0)
+        texts.append(text)
     shown = np.full(len(rows), UNKNOWN, np.float32) if intensity is None else intensity[rows]
     if missing.any():
         shown = np.where(missing, np.float32(UNKNOWN), shown)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ....base.progress import Progress, report_progress
 from ....cloud.georeference import RESIDUAL
 from ....cloud.points import Points
-from .._losses import Losses, georeference_losses, unused_name
+from .._losses import Losses, georeference_losses, separate_columns
 from .._unnamed_columns import COLORS, NORMALS, POSITIONS
 from .._world import is_float64
 
@@ -59,26 +59,29 @@ def _columns_of(points: Points, losses: Losses) -> list[Column]:
     for name, values in points.attributes.items():
         if name == RESIDUAL and is_float64(points):
             continue
-        several = values.ndim > 1
-        for k, column in enumerate(values.T if several else [values]):
-            title = f"{name}_{k}" if several else name
+        for title, column in separate_columns(name, values, losses).items():
             columns.append(Column(_unused(title, taken, losses), column))
     return columns
 
 
 def _unused(name: str, taken: set[str], losses: Losses) -> str:
-    """Return a name for a column that readers do not take for another one.
+    """Return a title for a column that readers do not take for another one.
 
     taken : names in use, as the reader understands them, to which it is added
-    losses : receives a note if the name is changed
+    losses : receives a text if readers find another name than that of the attribute
     """
-    from ._columns import name_of
+    from ._columns import LONGEST, name_of
 
     plain = UNSAFE.sub("_", name)
-    plain = f"column_{plain}" if NUMBER.match(plain) else plain
-    while name_of(plain) in taken:
-        plain = unused_name(plain, {plain.lower()}, [], "", plain)
-    if plain != name:
-        losses.append(f"stores {name} as the column {plain}")
-    taken.add(name_of(plain))
-    return plain
+    plain = f"column_{plain}" if NUMBER.match(plain) else plain if name_of(plain) else "column"
+    if len(plain.lower()) > LONGEST:  # lower case can be longer
+        plain = plain.lower()[:LONGEST]
+    title, number = plain, 1
+    while (read := name_of(title)) in taken:
+        number += 1
+        tail = f"_{number}"
+        title = (plain if len(plain.lower()) <= LONGEST - len(tail) else plain.lower()[: LONGEST - len(tail)]) + tail
+    if read != name:
+        losses.append(f"stores {name} as the column {title}" + (f", which is read as {read}" if read != title else ""))
+    taken.add(read)
+    return title

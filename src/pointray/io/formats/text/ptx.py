@@ -16,6 +16,7 @@ from ....cloud.georeference import SCAN, Georeference
 from ...colors import GREY
 from .._counts import count_mismatch
 from .._source import MAYBE, NO, SURE, Chunk, Faults, Format, Listing, Request, Source
+from .._stations import scan_numbers
 from ._lines import is_binary, is_ptx, shortened
 from ._ptx_headers import Scan, newline_of, scans_of
 from ._ptx_write import write
@@ -47,7 +48,9 @@ class PtxSource(Source):
         self._has_colors = any(scan.fields == 7 for scan in scans)
         row = 40 + 6 * self._has_colors + 4 * (len(scans) > 1)
         grids = [{"columns": scan.shape[0], "rows": scan.shape[1]} for scan in scans]
-        georeference = Georeference(stations=tuple(scan.matrix[3][:3] for scan in scans), format="PTX")  # type: ignore[misc]
+        stations: Any = tuple(scan.matrix[3][:3] for scan in scans if scan.placed)
+        self._numbers = scan_numbers([scan.placed for scan in scans])
+        georeference = Georeference(stations=stations, format="PTX")
         self.listing = Listing(None, row, sum(scan.rows for scan in scans), georeference, {"scans": grids})
 
     def chunks(self) -> Iterator[Chunk]:
@@ -102,7 +105,7 @@ class PtxSource(Source):
         with np.errstate(over="ignore"):
             attributes: dict[str, NDArray[Any]] = {"intensity": rows[:, 3].astype(np.float32)}
         if len(self._scans) > 1:
-            attributes[SCAN] = np.full(len(rows), number, np.int32)
+            attributes[SCAN] = np.full(len(rows), self._numbers[number], np.int32)
         if colors is None and self._has_colors:
             colors = np.full((len(rows), 3), GREY)
         if colors is not None and colors.size and not (colors.min() >= 0 and colors.max() <= 255):
@@ -142,7 +145,7 @@ FORMAT = Format(
         "positions": "x, y, z, transformed to world coordinates; rows of 0 0 0 (no return) are left out",
         "colors": "8 bits",
         "attributes": "intensity; scan, if the file has several",
-        "survey": "the scanner position of each scan",
+        "survey": "the scanner position of each scan; unknown ones are written as -0 -0 -0",
         "note": "written with one scan for each scanner position (attribute scan): as its grid, if row_index and "
         "column_index give one, otherwise as a single column",
     },

@@ -128,6 +128,18 @@ def test_scans_with_different_columns_are_one_cloud(tmp_path):
     )
 
 
+def test_scans_without_a_pose_have_no_scanner(tmp_path):
+    """If others have one, their numbers are negative; the points stay where the file has them."""
+    scans = [({**xyz_columns()}, facts) for facts in ({}, pose(at=(1, 0, 0)), {}, pose(at=(0, 2, 0)))]
+    points = read(save(tmp_path / "a.e57", *scans))
+    np.testing.assert_array_equal(points.attributes["scan"], np.repeat([-1, 0, -2, 1], N))
+    assert points.georeference.stations == ((1, 0, 0), (0, 2, 0))
+    np.testing.assert_allclose(points.world[2 * N : 3 * N], XYZ, rtol=0, atol=1e-6)
+    points = read(save(tmp_path / "a.e57", *scans[::2]))
+    np.testing.assert_array_equal(points.attributes["scan"], np.repeat([0, 1], N))
+    assert points.georeference.stations == ()
+
+
 def test_whole_numbers_with_a_scale_are_kept(rng, tmp_path):
     whole = rng.integers(-(10**8), 10**8, (N, 3))
     grids = [(0.001, 500000.0), (0.001, 5400000.0), (0.01, 0.0)]

@@ -55,8 +55,103 @@ def test_rows_of_mixed_scans_are_sorted(rng, tmp_path):
     ]
     order = np.argsort(np.where(number < 0, 2, number), kind="stable")
     check_same(points, again, skip=["scan"], rows=order, dtypes=SIGNED)
-    np.testing.assert_array_equal(again.attributes["scan"], np.where(number < 0, 2, number)[order])
-    assert again.georeference.stations == (*STATIONS[:2], (0, 0, 0))
+    np.testing.assert_array_equal(again.attributes["scan"], number[order])
+    assert again.georeference.stations == STATIONS[:2]
+
+
+def test_numbers_of_scans_without_a_scanner_are_kept(rng, tmp_path):
+    """They divide no points: they are a column like others, whatever their type."""
+    number = np.arange(40) % 2 + 7
+    for values in (number, number * 1.5, (number == 7), number[:, None], number - 8):
+        points = pr.Points(rng.random((40, 3)), attributes={"scan": values})
+        losses, again = written(tmp_path / "a.e57", points)
+        assert losses == []
+        np.testing.assert_array_equal(again.attributes["scan"], values.reshape(-1))
+    points = points.changed(attributes={"scan": np.stack([number, number], axis=1)})
+    losses, again = written(tmp_path / "b.e57", points.changed(georeference=pr.Georeference(stations=STATIONS)))
+    assert losses == [
+        "cannot store the scanner positions: no attribute scan assigns points to them",
+        "stores the 2 columns of scan separately, as scan_0 and so on",
+    ]
+    np.testing.assert_array_equal(again.attributes["scan_1"], number)
+
+
+@pytest.mark.parametrize("ending", ["e57", "ptx"])
+def test_other_numbers_of_scans_are_reported(rng, tmp_path, ending):
+    known = pr.Georeference(stations=[(0, 0, 9), (1, 2, 8), (5, 5, 7)])
+    cases = {
+        "values": ([0, 0, 1, 2], [], [0, 0, 1, 2]),
+        "floats": ([0.0, 1.0, 2.0, 2.0], [], [0, 1, 2, 2]),
+        "not a number": ([0.0, 1.0, 2.0, np.nan], ["renumbers the attribute scan"], [0, 1, 2, -1]),
+        "beyond": ([0, 1, 2, 5], ["renumbers the attribute scan"], [0, 1, 2, -1]),
+        "gap": (
+            [0, 0, 2, 2],
+            ["renumbers the attribute scan", "cannot store 1 scanner position without points"],
+            [0, 0, 1, 1],
+        ),
+        "one": (
+            [1, 1, 1, 1],
+            ["renumbers the attribute scan", "cannot store 2 scanner positions without points"],
+            None,
+        ),
+    }
+    for number, texts, wanted in cases.values():
+        attributes = {"scan": np.array(number), "intensity": np.ones(4, np.float32)}
+        points = pr.Points(rng.random((4, 3)), attributes=attributes, georeference=known)
+        losses, again = written(tmp_path / f"a.{ending}", points)
+        assert losses == texts
+        assert again.attributes.get("scan", np.array(None)).tolist() == wanted
+        places = [known.stations[k] for k in range(3) if k in number]
+        assert list(again.georeference.stations) == places
+    beyond = points.changed(attributes=attributes | {"scan": np.array([3, 4, 5, 6])})
+    losses, again = written(tmp_path / f"a.{ending}", beyond)
+    assert "cannot store 3 scanner positions without points" in losses and again.georeference.stations == ()
+    assert ("cannot store scan" in losses) == (ending == "ptx")
+    assert ending == "ptx" or again.attributes["scan"].tolist() == [3, 4, 5, 6]
+
+
+def test_files_of_unknown_scans_are_joined(rng, tmp_path):
+    """Points of unknown scanners do not get one of another file."""
+    for k, name in enumerate(("a", "b")):
+        known = pr.Georeference(stations=[(k, 0, 9), (k, 2, 8)])
+        points = pr.Points(rng.random((6, 3)), attributes={"scan": np.array([0, 0, 1, 1, -1, -1])}, georeference=known)
+        write_points(tmp_path / f"{name}.e57", points)
+    both = pr.read([tmp_path / "a.e57", tmp_path / "b.e57"])
+    assert both.attributes["scan"].tolist() == [0, 0, 1, 1, -1, -1, 2, 2, 3, 3, -1, -1]
+    assert len(both.georeference.stations) == 4
+
+
+@pytest.mark.parametrize("n", [1, 500])
+def test_equal_integer_coordinates(tmp_path, n):
+    """Columns of one value take no bits, and libE57 cannot read scans without any bits."""
+    known = pr.Georeference(scale=(0.5,) * 3, offset=(0, 0, 0))
+    points = pr.Points(np.full((n, 3), (1.5, 2, 3)), georeference=known)
+    losses, again = written(tmp_path / "a.e57", points)
+    assert losses == []
+    np.testing.assert_array_equal(again.world, points.world)
+    with pye57.E57(str(tmp_path / "a.e57")) as file:
+        assert file.read_scan_raw(0)["cartesianX"].tolist() == [1.5] * n
+
+
+def test_blocks_without_finite_integer_coordinates(rng, tmp_path, monkeypatch):
+    from pointray.io.formats.e57 import _fields, _write as writer
+
+    monkeypatch.setattr(_fields, "CHUNK", 100)
+    monkeypatch.setattr(writer, "CHUNK", 100)
+    known = pr.Georeference(scale=(0.25,) * 3, offset=(0, 0, 0))
+    points = pr.Points(rng.integers(1000, 2000, (250, 3)) * 0.25, georeference=known)
+    points = with_nan(points, slice(0, 100))
+    losses, again = written(tmp_path / "a.e57", points)
+    assert losses == ["marks 100 rows without a finite position as invalid"]
+    np.testing.assert_array_equal(again.world, points.world[100:])
+    assert again.georeference.scale == (0.25,) * 3
+
+
+def test_control_characters_of_the_coordinate_system(rng, tmp_path):
+    known = pr.Georeference(crs="a\x01b]]>&<\x00\u00fc\U0001f600")
+    losses, again = written(tmp_path / "a.e57", pr.Points(rng.random((5, 3)), georeference=known))
+    assert losses == ["leaves out control characters of the coordinate system"]
+    assert again.georeference.crs == "ab]]>&<\u00fc\U0001f600"
 
 
 def test_stations_without_numbers_of_scans_are_lost(rng, tmp_path):

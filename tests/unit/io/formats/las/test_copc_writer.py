@@ -136,6 +136,45 @@ def test_limits_of_times_are_stated(rng, tmp_path):
         assert (reader.copc_info.gps_min, reader.copc_info.gps_max) == (3e8, 4e8)
 
 
+@pytest.mark.parametrize("missing", [3, 30])
+def test_missing_times_have_no_limits(rng, tmp_path, missing, monkeypatch):
+    monkeypatch.setattr(copc, "BATCH", 2)
+    monkeypatch.setattr(_octree, "LEAF", 2)
+    time = np.linspace(3e8, 4e8, 30)
+    time[:missing] = np.nan
+    write_points(tmp_path / "a.copc.laz", surface(rng, 30).changed(attributes={"gps_time": time}))
+    with laspy.CopcReader.open(tmp_path / "a.copc.laz") as reader:
+        info = reader.copc_info
+        assert (info.gps_min, info.gps_max) == ((time[3], 4e8) if missing == 3 else (0, 0))
+
+
+@pytest.mark.parametrize("n", [1, 40])
+@pytest.mark.parametrize("at", [0.0, 1e-30, 5.0, FAR])
+def test_coinciding_points_have_an_octree(tmp_path, small_nodes, n, at):
+    points = pr.Points(np.zeros((n, 3)) + at)
+    write_points(tmp_path / "a.copc.laz", points)
+    np.testing.assert_allclose(read(tmp_path / "a.copc.laz").world, points.world, rtol=0, atol=1e-4)
+    assert len(read(tmp_path / "a.copc.laz", bounds=[points.world[0] - 1, points.world[0] + 1])) == n
+    copclib = pytest.importorskip("copclib")
+    reader = copclib.FileReader(str(tmp_path / "a.copc.laz"))
+    assert reader.ValidateSpatialBounds() and reader.copc_config.copc_info.spacing > 0
+
+
+@pytest.mark.parametrize("code", [4979, 9518])
+def test_coordinate_systems_that_need_the_new_text(rng, tmp_path, code):
+    pyproj = pytest.importorskip("pyproj")
+    points = pr.Points(rng.random((20, 3)), georeference=pr.Georeference(crs=f"EPSG:{code}"))
+    losses, again = written(tmp_path / "a.copc.laz", points)
+    assert losses == [] and pyproj.CRS.from_wkt(again.georeference.crs).to_epsg() == code
+
+
+def test_unknown_codes_are_reported(rng, tmp_path):
+    pytest.importorskip("pyproj")
+    points = pr.Points(rng.random((20, 3)), georeference=pr.Georeference(crs="EPSG:1500"))
+    losses, _ = written(tmp_path / "a.copc.laz", points)
+    assert losses == ["cannot store the coordinate system EPSG:1500: pyproj does not know it"]
+
+
 def test_the_name_chooses_the_octree(rng, tmp_path):
     points = surface(rng, 50)
     for name, octree in (("a.laz", False), ("A.COPC.LAZ", True), ("copc.laz", False)):

@@ -18,7 +18,7 @@ from helpers.las_files import write_random
 from helpers.marks import long
 from helpers.places import shared_model
 from pointray.cloud.georeference import RESIDUAL, Georeference, numbers_of
-from pointray.io.files import headers
+from pointray.io.files import headers, write_points
 from pointray.io.formats._source import Request
 from pointray.io.formats.las._crs import keys_of, records_for, unit_of
 from pointray.io.formats.las.las import LasSource
@@ -190,6 +190,36 @@ def test_colors_normals_and_other_attributes_are_written(tmp_path: Path) -> None
         np.testing.assert_array_equal(again.attributes[found], attributes[name])
     np.testing.assert_array_equal(again.attributes["wide_4"], attributes["wide"][:, 4])
     assert again.attributes["flag"].dtype == np.uint8
+
+
+def test_names_are_reported_as_they_are_read(rng, tmp_path: Path) -> None:
+    names = [" ", " a ", "\0", "\ud800", "a", "b" * 31 + " c", "\u65e5" * 11, "b" * 31]
+    points = pr.Points(rng.random((20, 3)), attributes={name: np.arange(20) + k for k, name in enumerate(names)})
+    losses = write_points(tmp_path / "a.las", points)
+    again = pr.read(tmp_path / "a.las").attributes
+    new = ["extra", "a", "extra_2", "?", "a_2", "b" * 31, "\u65e5" * 10, "b" * 30 + "_2"]
+    assert losses == [f"stores {old} as the extra bytes {name}" for old, name in zip(names, new, strict=True)]
+    for k, name in enumerate(new):
+        np.testing.assert_array_equal(again[name], np.arange(20) + k, err_msg=name)
+
+
+@pytest.mark.parametrize(
+    "names", [("nx", "ny", "nz"), ("Normal_X", "normal_y", "normal_z"), ("NormalX", "NormalY", "NormalZ")]
+)
+def test_attributes_named_like_normals_stay_attributes(rng, tmp_path: Path, names: tuple[str, ...]) -> None:
+    attributes = {name: rng.random(20).astype(np.float32) for name in names}
+    for normals in (None, rng.normal(size=(20, 3)).astype(np.float32)):
+        points = pr.Points(rng.random((20, 3)), normals, attributes=attributes)
+        losses = write_points(tmp_path / "a.las", points)
+        again = pr.read(tmp_path / "a.las")
+        assert (again.normals is None) == (normals is None)
+        if normals is not None:
+            np.testing.assert_array_equal(again.normals, normals)
+        assert len(again.attributes) - ("grid_residual" in again.attributes) >= 3
+        for name in names:
+            new = name if name in again.attributes else f"{name}_2"
+            np.testing.assert_array_equal(again.attributes[new], attributes[name])
+            assert (f"stores {name} as the extra bytes {new}" in losses) == (new != name)
 
 
 def test_the_smallest_sufficient_point_format_is_chosen(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ import pointray as pr
 from helpers.places import shared_model
 from helpers.written_clouds import FAR, check_same, rich_cloud, with_nan, written
 from pointray.io.files import read, write_points
+from pointray.io.formats.mesh import _glb_write
 
 SIZES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5126: 4}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
@@ -98,7 +99,7 @@ def test_wide_attributes(rng, tmp_path):
     }
     points = pr.Points(rng.random((50, 3)), attributes=wide | {"w6": rng.random((50, 6)).astype(np.float32)})
     losses, again = written(tmp_path / "a.glb", points)
-    assert losses == []
+    assert losses == ["stores the 6 columns of w6 separately, as w6_0 and so on"]
     for k in (2, 3, 4):
         np.testing.assert_array_equal(again.attributes[f"w{k}"], wide[f"w{k}"])
     np.testing.assert_array_equal(again.attributes["w6_5"], points.attributes["w6"][:, 5])
@@ -146,13 +147,27 @@ def test_losses_are_reported(rng, tmp_path):
         "rounds large to 32-bit floats",
         "rounds time to 32-bit floats",
         "stores 3 values of odd that are not finite numbers of 32 bits as 0",
-        "stores Own Name as the attribute Own_Name",
+        "stores Own Name as the attribute own_name",
     ]
     kept = np.delete(np.arange(n), 5)
     np.testing.assert_array_equal(again.attributes["small"], columns["small"][kept])
     np.testing.assert_array_equal(again.attributes["time"], columns["time"][kept].astype(np.float32))
     assert again.attributes["odd"][:4].tolist() == [0, 0, 0, 3]
     check_rules(tmp_path / "a.glb")
+
+
+def test_other_cases_of_names_are_reported(rng, tmp_path):
+    columns = {"Amplitude": np.arange(9, dtype=np.uint8), "amplitude": np.arange(9, dtype=np.uint8) + 1}
+    losses, again = written(tmp_path / "a.glb", pr.Points(rng.random((9, 3)), attributes=columns))
+    assert losses == ["stores Amplitude as the attribute amplitude", "stores amplitude as the attribute amplitude_2"]
+    assert again.attributes["amplitude_2"].tolist() == list(range(1, 10))
+
+
+def test_too_large_files_are_named(rng, tmp_path, monkeypatch):
+    monkeypatch.setattr(_glb_write, "LARGEST", 100)
+    with pytest.raises(ValueError, match=r"a\.glb: cannot be written: 108 bytes of points"):
+        pr.write(tmp_path / "a.glb", pr.Points(rng.random((9, 3))))
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_damaged_files_are_refused(rng, tmp_path):

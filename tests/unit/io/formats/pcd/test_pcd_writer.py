@@ -1,11 +1,16 @@
 """PCD files as pointray writes them, read again by pointray, Open3D and pypcd4."""
 
+import io
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import pointray as pr
 from helpers.places import shared_model
 from helpers.written_clouds import FAR, check_same, rich_cloud, with_nan, with_scans, written
+from pointray.cloud.geographic import in_file
 from pointray.io.files import read, write_points
 from pointray.io.formats.pcd import _write
 
@@ -59,6 +64,56 @@ def test_names_that_fields_cannot_have_are_changed(rng, tmp_path):
         assert losses[k] == f"stores {old} as the field {name}"
 
 
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("r", "g", "b"),
+        ("red", "Green", "blue"),
+        ("nx", "ny", "nz"),
+        ("normal_x", "normal_y", "normal_z"),
+        ("NormalX", "NormalY", "NormalZ"),
+        ("positions",),
+        ("Normals",),
+        ("colors",),
+    ],
+)
+def test_attributes_named_like_columns_of_points_stay_attributes(rng, tmp_path, names):
+    shape = (20, 3) if len(names) == 1 else 20
+    attributes = {name: rng.integers(0, 200, shape).astype(np.uint8) for name in names}
+    bare = pr.Points(rng.random((20, 3)), attributes=attributes)
+    full = bare.changed(normals=rng.normal(size=(20, 3)), colors=rng.integers(0, 256, (20, 3), np.uint8))
+    for points in (bare, full):
+        losses, again = written(tmp_path / "a.pcd", points)
+        check_same(points, again, skip=names)
+        for name in names:
+            new = name if name in again.attributes else f"{name}_2"
+            np.testing.assert_array_equal(again.attributes[new], attributes[name])
+            assert (f"stores {name} as the field {new}" in losses) == (new != name)
+    write_points(tmp_path / "a.pcd", bare.changed(attributes={"r": attributes[names[0]]}))
+    assert "r" in read(tmp_path / "a.pcd").attributes  # one channel is no colour
+
+
+def test_a_scanner_at_zero_is_known(rng, tmp_path):
+    for stations in ((), ((0.0, 0.0, 0.0),)):
+        points = pr.Points(rng.random((9, 3)), georeference=pr.Georeference(stations=stations))
+        losses, again = written(tmp_path / "a.pcd", points)
+        assert losses == [] and again.georeference.stations == stations
+
+
+def test_the_viewpoint_is_in_degrees_like_the_points(rng, tmp_path):
+    degrees = rng.random((50, 3)) * [0.01, 0.01, 20] + [8, 50, 100]
+    rows = ["longitude,latitude,height", *(",".join(f"{x:.9f}" for x in row) for row in degrees)]
+    (tmp_path / "a.csv").write_text("\n".join(rows))
+    with pytest.warns(UserWarning, match="longitude and latitude"):
+        points = read(tmp_path / "a.csv")
+    known = replace(points.georeference, crs="EPSG:4326", stations=((10.0, 20.0, 3.0),))
+    losses, again = written(tmp_path / "a.pcd", points.changed(georeference=known))
+    assert losses == ["cannot store the coordinate system"]
+    place = np.loadtxt(io.BytesIO(re.search(rb"VIEWPOINT (.*)", (tmp_path / "a.pcd").read_bytes())[1]))
+    np.testing.assert_allclose(place[:2], in_file(known, np.array(known.stations))[0, :2], rtol=0, atol=1e-12)
+    assert abs(place[0] - 8) < 0.1 and abs(place[1] - 50) < 0.1
+
+
 @pytest.mark.long
 def test_open3d_reads_the_same(rng, tmp_path):
     o3d = pytest.importorskip("open3d", exc_type=ImportError)
@@ -98,4 +153,8 @@ def test_too_many_bytes_for_compression(rng, tmp_path, monkeypatch):
     monkeypatch.setattr(_write, "LARGEST", 1000)
     with pytest.raises(ValueError, match="cannot be compressed: .* bytes of points"):
         write_compressed(tmp_path / "a.pcd", rich_cloud(rng, at=FAR))
+    noise = pr.Points(rng.random((1000, 3)).astype(np.float32))
+    monkeypatch.setattr(_write, "LARGEST", 12_000)  # the points have as many bytes, before they grow by 1/32
+    with pytest.raises(ValueError, match=r"a\.pcd: cannot be compressed: 12,\d\d\d bytes of points"):
+        write_compressed(tmp_path / "a.pcd", noise)
     assert list(tmp_path.iterdir()) == []

@@ -52,6 +52,36 @@ def test_a_cloud_without_a_scanner(rng, tmp_path):
     assert set(again.attributes["intensity"]) == {0.5}
 
 
+def test_an_unknown_scanner_stays_unknown(rng, tmp_path):
+    """A scanner at 0 0 0 is one; an unknown one is -0 -0 -0, which other programs read as 0 0 0."""
+    points = pr.Points(rng.random((30, 3)))  # about zero, where a scanner could be
+    _, again = written(tmp_path / "a.ptx", points)
+    assert again.georeference.stations == () and blocks_of(tmp_path / "a.ptx")[0][2] == (0, 0, 0)
+    _, again = written(tmp_path / "b.ptx", points.changed(georeference=pr.Georeference(stations=[(-0.0, 0, -0.0)])))
+    assert again.georeference.stations == ((0, 0, 0),)
+    known = pr.Georeference(stations=[(0, 0, 9), (1, 2, 8)])
+    points = points.changed(georeference=known, attributes={"scan": np.repeat([0, 1, -1], 10)})
+    losses, again = written(tmp_path / "c.ptx", points)
+    assert losses == [] and again.georeference.stations == known.stations
+    np.testing.assert_array_equal(again.attributes["scan"], points.attributes["scan"])
+
+
+def test_scans_without_a_grid_and_other_orders_are_reported(rng, tmp_path):
+    k = np.arange(40)
+    grid = {"row_index": k // 5, "column_index": k % 5}
+    points = pr.Points(rng.random((40, 3)), attributes=grid)
+    losses, again = written(tmp_path / "a.ptx", points)
+    assert losses == ["stores the points column by column of their grid, in another order"]
+    np.testing.assert_array_equal(again.positions, points.positions[np.argsort(k % 5, kind="stable")])
+    known = pr.Georeference(stations=[(0, 0, 5), (1, 2, 3)])
+    second = k >= 20
+    grid = {"row_index": np.where(second, k, k % 4), "column_index": np.where(second, 0, k // 4)}
+    losses, _ = written(
+        tmp_path / "b.ptx", pr.Points(rng.random((40, 3)), None, None, grid | {"scan": second * 1}, None, known)
+    )
+    assert losses == ["cannot store row_index, column_index of 1 of 2 scans: not a grid"]
+
+
 def test_losses_are_reported(rng, tmp_path):
     points = rich_cloud(rng, attributes={"intensity": np.arange(400, dtype=np.uint16), "class": np.arange(400)})
     losses, again = written(tmp_path / "a.ptx", with_nan(points, [0, 9]))
@@ -72,6 +102,10 @@ def test_points_at_the_scanner_are_reported(tmp_path):
     losses, again = written(tmp_path / "a.ptx", points)
     assert losses == ["stores 1 point at the scanner as missing returns: 0 0 0"]
     assert len(again) == 1
+    known = pr.Georeference(stations=[(512000.1, 5400000, 300)])  # in float32 the first point is 1.5 nm beside it
+    near = pr.Points.about((512000, 5400000, 300), np.array([[0.1, 0, 0], [5, 6, 7]], np.float32), georeference=known)
+    losses, again = written(tmp_path / "b.ptx", near)
+    assert len(again) == 1 and losses == ["stores 1 point at the scanner as missing returns: 0 0 0"]
 
 
 def test_a_grid_is_restored(rng, tmp_path):

@@ -79,7 +79,37 @@ def test_names_that_readers_mistake_are_changed(rng, tmp_path):
     columns = ["red_2", "intensity", "gps_time", "x_2", "column_2nd", "a_b", "intensity_2"]
     for k, name in enumerate(columns):
         np.testing.assert_array_equal(again.attributes[name], np.arange(30) + k, err_msg=name)
-    assert losses[:2] == ["stores red as the column red_2", "stores gps time as the column gps_time"]
+    assert losses[:3] == [
+        "stores red as the column red_2",
+        "stores Intensity as the column Intensity, which is read as intensity",
+        "stores gps time as the column gps_time",
+    ]
+
+
+@pytest.mark.parametrize("ending", ["xyz", "csv"])
+def test_every_other_name_is_reported(rng, tmp_path, ending):
+    """Names that the reader shortens, replaces or does not distinguish: what is read again is what is reported."""
+    long = "z" * 199
+    names = [long + "a", long + "ab", long + "b" * 200, "\u0130" * 150, "\u0130" * 151, "alpha", "a", "GpsTime", "//"]
+    names += ["_", "nan", "-", "plain", "longitude", "latitude", "height", "normal_x", "A", "a_2", "#", "\u65e5\u672c"]
+    points = pr.Points(rng.random((30, 3)), attributes={name: np.arange(30) + k for k, name in enumerate(names)})
+    losses, again = written(tmp_path / f"a.{ending}", points)
+    assert len(again.attributes) == len(names)
+    for (read_name, values), (name, wanted) in zip(again.attributes.items(), points.attributes.items(), strict=True):
+        np.testing.assert_array_equal(values, wanted, err_msg=name)
+        told = [text for text in losses if text.startswith(f"stores {name} as the column ")]
+        assert bool(told) == (read_name != name), name
+        assert not told or told[0].endswith((f" {read_name}", f" column {read_name}")), name
+
+
+def test_separated_columns_are_reported(rng, tmp_path):
+    wide = {"features": rng.random((30, 2)), "one": rng.random((30, 1)), "empty": np.zeros((30, 0))}
+    losses, again = written(tmp_path / "a.csv", pr.Points(rng.random((30, 3)), attributes=wide))
+    assert losses == [
+        "stores the 2 columns of features separately, as features_0 and so on",
+        "cannot store empty: it has no columns",
+    ]
+    assert list(again.attributes) == ["features_0", "features_1", "one"]
 
 
 def test_attributes_with_several_columns(rng, tmp_path):
