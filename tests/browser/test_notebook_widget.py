@@ -183,6 +183,33 @@ def test_jupyterlab_shows_two_widgets_that_are_independent(lab):
 
 
 @pytest.mark.long
+def test_a_fifth_view_pauses_the_first_until_it_is_used(lab):
+    notebook = lab(SCENE, "w = pr.view(scene)\nw._height = 300", *5 * ["w"])
+    notebook.run_all()
+    cells = [Cell(notebook.tab, number) for number in range(5)]
+    for cell in cells:
+        cell.until("window.pointray")
+    notebook.kernel.wait("len(w._views._views) == 4")
+
+    def paused():
+        return [number for number, cell in enumerate(cells) if cell.frame.locator("#replaced").is_visible()]
+
+    def settled():
+        (number,) = paused()
+        sessions = notebook.kernel.value("sorted(w._views._views)")
+        notebook.tab.wait_for_timeout(3_000)  # pages connect again a second after a loss
+        assert notebook.kernel.value("sorted(w._views._views)") == sessions and paused() == [number]
+        return number
+
+    cells[0].until("() => top.document.querySelectorAll('.pointray-viewer').length === 5")
+    notebook.tab.wait_for_timeout(1_000)
+    first = settled()
+    cells[first].drag()
+    cells[first].frame.locator("#replaced").wait_for(state="hidden")
+    assert settled() != first
+
+
+@pytest.mark.long
 def test_a_cell_that_runs_again_replaces_its_widget(lab):
     notebook = lab(SCENE, "w = pr.view(scene)\nw")
     notebook.run_all()

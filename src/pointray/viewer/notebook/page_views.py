@@ -46,7 +46,7 @@ class PageView:
             self._messages.put_nowait(text)
 
     def close(self, note: str = "gone") -> None:
-        """Disconnect the page and end the session. note : content of the last message: "gone" or "ended" """
+        """Disconnect the page and end the session. note : content of the last message, as in `CommLink.close`"""
         self.link.close(note)
         with suppress(Full):
             self._messages.put_nowait(None)
@@ -157,14 +157,14 @@ class PageViews:
         state = self.state
         self._drop(name)
         while len(self._views) >= MAX_VIEWS:
-            self._drop(min(self._views, key=lambda other: self._views[other].session.used))
+            self._drop(min(self._views, key=lambda other: self._views[other].session.used), "replaced")
         link = CommLink(self._post, name)
         link.greet()
         self._views[name] = PageView(self._sessions, link, state, self._is_alive)
 
-    def _drop(self, name: str) -> None:
+    def _drop(self, name: str, note: str = "gone") -> None:
         state = self.state
         view = self._views.pop(name, None)
         if view is not None:
             self._state = state
-            view.close()
+            view.close(note)

@@ -179,11 +179,12 @@ def test_the_view_that_was_unused_longest_is_disconnected(visit, views):
     for automatic in ({"read": 0}, {"text": '{"type": "seen", "number": 0}'}):
         views.receive({"view": "1", **automatic})
     visit("more")
-    pages[1].wait(lambda: "gone" in pages[1].states)
+    pages[1].wait(lambda: pages[1].states[1:])
+    assert pages[1].states[1] == "replaced"  # it must not connect again by itself
     before = len(pages[1].states)
     pages[1].say(type="clear")  # the answer is again that it must connect
     pages[1].wait(lambda: pages[1].states[before:])
-    assert set(pages[1].states[1:]) == {"gone"}
+    assert set(pages[1].states[2:]) == {"gone"}
     assert all(page.states == ["opened"] for page in (pages[0], *pages[2:]))
 
 
