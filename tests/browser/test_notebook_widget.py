@@ -48,12 +48,19 @@ class Lab:
     """A notebook in JupyterLab, with a kernel."""
 
     def __init__(self, server, tab, name):
-        self._server, self.tab, self._name = server, tab, name
+        self._server, self.tab, self._name, self.kernel = server, tab, name, None
+
+    def start(self):
+        """Wait for the kernel."""
         self.wait_for_kernel()
-        self.kernel = server.kernel(name)
+        self.kernel = self._server.kernel(self._name)
+        return self
 
     def close(self):
         """Stop the kernel."""
+        if self.kernel is None:  # it has not started as it should
+            self._server.stop_kernels()
+            return
         self.kernel.close()
         self._choose("Kernel", "Shut Down Kernel")
         self.tab.locator("#jp-main-statusbar").get_by_text("No Kernel").wait_for()
@@ -106,7 +113,7 @@ def lab(browser, jupyter, request):
             )
             notebook = Lab(jupyter, tab, name)
             left.callback(notebook.close)
-            return notebook
+            return notebook.start()
 
         yield open_book
 
@@ -201,8 +208,9 @@ def test_a_fifth_view_pauses_the_first_until_it_is_used(lab):
         assert notebook.kernel.value("sorted(w._views._views)") == sessions and paused() == [number]
         return number
 
-    cells[0].until("() => top.document.querySelectorAll('.pointray-viewer').length === 5")
-    notebook.tab.wait_for_timeout(1_000)
+    notebook.tab.wait_for_function("document.querySelectorAll('.pointray-viewer').length === 5")
+    for cell in cells:
+        cell.until("pointray.connected || !document.getElementById('replaced').hidden")
     first = settled()
     cells[first].drag()
     cells[first].frame.locator("#replaced").wait_for(state="hidden")
