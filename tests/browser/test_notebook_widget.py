@@ -48,12 +48,19 @@ class Lab:
     """A notebook in JupyterLab, with a kernel."""
 
     def __init__(self, server, tab, name):
-        self._server, self.tab, self._name = server, tab, name
+        self._server, self.tab, self._name, self.kernel = server, tab, name, None
+
+    def start(self):
+        """Wait for the kernel."""
         self.wait_for_kernel()
-        self.kernel = server.kernel(name)
+        self.kernel = self._server.kernel(self._name)
+        return self
 
     def close(self):
         """Stop the kernel."""
+        if self.kernel is None:  # it has not started as it should
+            self._server.stop_kernels()
+            return
         self.kernel.close()
         self._choose("Kernel", "Shut Down Kernel")
         self.tab.locator("#jp-main-statusbar").get_by_text("No Kernel").wait_for()
@@ -106,7 +113,7 @@ def lab(browser, jupyter, request):
             )
             notebook = Lab(jupyter, tab, name)
             left.callback(notebook.close)
-            return notebook
+            return notebook.start()
 
         yield open_book
 
@@ -180,6 +187,34 @@ def test_jupyterlab_shows_two_widgets_that_are_independent(lab):
     second.changed(lambda: notebook.kernel.value("setattr(w, 'camera', pr.Camera((3, 0, 1), (0, 0, 0)))"))
     assert second.camera["eye"] == [3, 0, 1] and first.camera["eye"] != [3, 0, 1]
     assert notebook.kernel.value("v.camera.eye") == pytest.approx(first.camera["eye"])
+
+
+@pytest.mark.long
+def test_a_fifth_view_pauses_the_first_until_it_is_used(lab):
+    notebook = lab(SCENE, "w = pr.view(scene)\nw._height = 300", *5 * ["w"])
+    notebook.run_all()
+    cells = [Cell(notebook.tab, number) for number in range(5)]
+    for cell in cells:
+        cell.until("window.pointray")
+    notebook.kernel.wait("len(w._views._views) == 4")
+
+    def paused():
+        return [number for number, cell in enumerate(cells) if cell.frame.locator("#replaced").is_visible()]
+
+    def settled():
+        (number,) = paused()
+        sessions = notebook.kernel.value("sorted(w._views._views)")
+        notebook.tab.wait_for_timeout(3_000)  # pages connect again a second after a loss
+        assert notebook.kernel.value("sorted(w._views._views)") == sessions and paused() == [number]
+        return number
+
+    notebook.tab.wait_for_function("document.querySelectorAll('.pointray-viewer').length === 5")
+    for cell in cells:
+        cell.until("pointray.connected || !document.getElementById('replaced').hidden")
+    first = settled()
+    cells[first].drag()
+    cells[first].frame.locator("#replaced").wait_for(state="hidden")
+    assert settled() != first
 
 
 @pytest.mark.long

@@ -11,7 +11,7 @@ import sys
 import time
 import urllib.error
 import urllib.request
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager, suppress
 
 import numpy as np
 import pytest
@@ -21,6 +21,7 @@ from helpers.browser_page import BOX, FINISHED, SECONDS
 
 SIZE = (1200, 2600)  # of the tab, so that all cells are visible: JupyterLab removes others
 TOKEN = "secret"
+PORTS = 3  # tried; another program may take one before the server does
 NEWS = "@jupyterlab/apputils-extension/notification.jupyterlab-settings"
 
 
@@ -31,8 +32,26 @@ def free_port():
 
 
 @contextmanager
-def serving(folder, module, *arguments, check):
-    """Run a module as a server in a folder, without the user's settings; wait until an address answers."""
+def running(command, **options):
+    """Run a command in a process group of its own; end all of the group afterwards."""
+    process = subprocess.Popen(command, stderr=subprocess.STDOUT, start_new_session=True, **options)
+    try:
+        yield process
+    finally:
+        process.terminate()
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(20)
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+
+
+@contextmanager
+def serving(folder, module, *arguments, path):
+    """Run a module as a server in a folder, without the user's settings, at a free port, "{port}" in the arguments.
+
+    Yields the server's address once a path of it answers.
+    """
     home = folder / "home"
     home.mkdir(exist_ok=True)
     places = {name: str(home / name.lower()) for name in ("JUPYTER_CONFIG_DIR", "JUPYTER_DATA_DIR", "IPYTHONDIR")}
@@ -46,22 +65,19 @@ def serving(folder, module, *arguments, check):
     (config / "page_config.json").write_text(json.dumps({"buildCheck": False, "buildAvailable": False}))
     places |= {"JUPYTER_RUNTIME_DIR": str(home / "runtime"), "JUPYTERLAB_SETTINGS_DIR": str(home / "settings")}
     environment = {**os.environ, **places, "XDG_CONFIG_HOME": str(home), "XDG_STATE_HOME": str(home)}
-    with (folder / "server.log").open("w") as log:
-        command = [sys.executable, "-m", module, *arguments]
-        process = subprocess.Popen(
-            command, cwd=folder, env=environment, stdout=log, stderr=subprocess.STDOUT, start_new_session=True
-        )
-    try:
-        _wait(lambda: process.poll() is not None or _answers(check))
-        assert process.poll() is None, (folder / "server.log").read_text()
-        yield
-    finally:
-        process.terminate()
-        try:
-            process.wait(20)
-        except subprocess.TimeoutExpired:
-            os.killpg(process.pid, signal.SIGKILL)
-            process.wait()
+    with ExitStack() as left:
+        log = left.enter_context((folder / "server.log").open("w"))
+        for _ in range(PORTS):
+            port = free_port()
+            command = [sys.executable, "-m", module, *(argument.format(port=port) for argument in arguments)]
+            process = left.enter_context(running(command, cwd=folder, env=environment, stdout=log))
+            address = f"http://127.0.0.1:{port}"
+            _wait(lambda process=process, check=f"{address}/{path}": process.poll() is not None or _answers(check))
+            if process.poll() is None:
+                break
+        else:
+            raise AssertionError((folder / "server.log").read_text())
+        yield address
 
 
 class JupyterLab:
@@ -73,12 +89,12 @@ class JupyterLab:
         Folder of its notebooks.
     """
 
-    def __init__(self, folder, port):
-        self.folder, self._port = folder, port
+    def __init__(self, folder, at):
+        self.folder, self._at = folder, at
 
     def address(self, path):
         """The address of a path on the server."""
-        return f"http://127.0.0.1:{self._port}/{path}?token={TOKEN}"
+        return f"{self._at}/{path}?token={TOKEN}"
 
     def kernel(self, name):
         """The kernel of an open notebook."""
@@ -87,16 +103,27 @@ class JupyterLab:
         (number,) = (session["kernel"]["id"] for session in sessions if session["path"] == name)
         return Kernel(self.folder / "home" / "runtime" / f"kernel-{number}.json")
 
+    def stop_kernels(self):
+        """Stop all kernels, which are not in the server's process group."""
+        with urllib.request.urlopen(self.address("api/kernels"), timeout=SECONDS) as reply:
+            numbers = [kernel["id"] for kernel in json.load(reply)]
+        for number in numbers:
+            request = urllib.request.Request(self.address(f"api/kernels/{number}"), method="DELETE")
+            urllib.request.urlopen(request, timeout=SECONDS).close()
+
 
 @contextmanager
 def jupyter_lab(folder):
     """Run JupyterLab in a folder."""
     pytest.importorskip("jupyterlab", exc_type=ImportError)
     pytest.importorskip("anywidget", exc_type=ImportError)
-    lab = JupyterLab(folder, port := free_port())
-    arguments = [f"--ServerApp.port={port}", "--ServerApp.port_retries=0", f"--IdentityProvider.token={TOKEN}"]
-    with serving(folder, "jupyterlab", "--no-browser", "--allow-root", *arguments, check=lab.address("api")):
-        yield lab
+    arguments = ["--ServerApp.port={port}", "--ServerApp.port_retries=0", f"--IdentityProvider.token={TOKEN}"]
+    with serving(folder, "jupyterlab", "--no-browser", "--allow-root", *arguments, path="api") as at:
+        lab = JupyterLab(folder, at)
+        try:
+            yield lab
+        finally:
+            lab.stop_kernels()
 
 
 @contextmanager
@@ -104,13 +131,11 @@ def marimo(folder, mode, name):
     """Run `marimo run` or `marimo edit` for a notebook in a folder; yields the address of its page."""
     pytest.importorskip("marimo", exc_type=ImportError)
     pytest.importorskip("anywidget", exc_type=ImportError)
-    port = free_port()
-    at = f"http://127.0.0.1:{port}"
     settings = folder / "home" / "marimo" / "marimo.toml"
     settings.parent.mkdir(parents=True)
     settings.write_text("[runtime]\nauto_instantiate = true\n")  # run all cells when the page is opened
-    arguments = [mode, "--headless", "--no-token", f"--port={port}", name]
-    with serving(folder, "marimo", *arguments, check=f"{at}/health"):
+    arguments = [mode, "--headless", "--no-token", "--port={port}", name]
+    with serving(folder, "marimo", *arguments, path="health") as at:
         yield at
 
 

@@ -58,7 +58,7 @@ class WidgetPage:
                 self.frames.append((header, buffers[0][4 + length :]))
                 seen = header["number"]
             self._changed.notify_all()
-        if content.get("state") in ("gone", "ended"):
+        if content.get("state") in ("gone", "ended", "replaced"):
             return
         self._receive({"view": self.view, "read": content["bytes"]})
         if seen is not None:

@@ -88,7 +88,11 @@ class CommLink:
             self._changed.notify_all()
 
     def close(self, note: str = "gone") -> None:
-        """Discard waiting messages and ignore later ones. note : content of the last message: "gone" or "ended" """
+        """Discard waiting messages and ignore later ones.
+
+        note : content of the last message: "gone", "ended", or "replaced", after which the page connects again only
+        when it is used
+        """
         with self._changed:
             if self.open:
                 self._send_now({"view": self._view, "state": note})

@@ -46,7 +46,7 @@ class PageView:
             self._messages.put_nowait(text)
 
     def close(self, note: str = "gone") -> None:
-        """Disconnect the page and end the session. note : content of the last message: "gone" or "ended" """
+        """Disconnect the page and end the session. note : content of the last message, as in `CommLink.close`"""
         self.link.close(note)
         with suppress(Full):
             self._messages.put_nowait(None)
@@ -77,7 +77,7 @@ class PageViews:
 
     def __init__(self, shared: SharedScene, post: Post, is_alive: Callable[[], bool]) -> None:
         self._sessions, self._post, self._is_alive = Sessions(shared), post, is_alive
-        self._views: dict[str, PageView] = {}  # the one that was last heard is the last
+        self._views: dict[str, PageView] = {}
         self._state: Any = None, None  # camera and values of the panel, for the next view
         self._lock, self._closed, self._invalid_count = threading.RLock(), False, 0
 
@@ -142,7 +142,6 @@ class PageViews:
             elif (view := self._views.get(name)) is None:
                 CommLink(self._post, name).close()  # so that it connects again
             else:
-                self._views[name] = self._views.pop(name)
                 self._pass_on(view, content)
 
     def _pass_on(self, view: PageView, content: dict[str, Any]) -> None:
@@ -158,14 +157,14 @@ class PageViews:
         state = self.state
         self._drop(name)
         while len(self._views) >= MAX_VIEWS:
-            self._drop(next(iter(self._views)))
+            self._drop(min(self._views, key=lambda other: self._views[other].session.used), "replaced")
         link = CommLink(self._post, name)
         link.greet()
         self._views[name] = PageView(self._sessions, link, state, self._is_alive)
 
-    def _drop(self, name: str) -> None:
+    def _drop(self, name: str, note: str = "gone") -> None:
         state = self.state
         view = self._views.pop(name, None)
         if view is not None:
             self._state = state
-            view.close()
+            view.close(note)

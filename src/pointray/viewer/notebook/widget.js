@@ -40,11 +40,11 @@ class CommSocket {
     this.#end();
   }
 
-  /** Note that the connection is lost. */
-  lose() {
+  /** Note that the connection is lost. reason : state of the kernel's last message; empty if there was none */
+  lose(reason = "") {
     if (this.readyState === WebSocket.CLOSED) return;
     this.#end();
-    this.onclose?.();
+    this.onclose?.({ reason });
   }
 
   #end() {
@@ -66,7 +66,7 @@ class CommSocket {
     if (content.state === "opened") {
       this.readyState = WebSocket.OPEN;
       this.onopen?.();
-    } else if (content.state) return this.lose();
+    } else if (content.state) return this.lose(content.state);
     else if (content.piece) this.#addPiece(content.piece, copied(buffers[0]));
     else this.onmessage?.({ data: content.text ?? copied(buffers[0]) });
     this.#acknowledge(content.bytes);

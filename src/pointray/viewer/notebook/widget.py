@@ -6,6 +6,7 @@ import base64
 import io
 import logging
 import secrets
+import sys
 import time
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -172,6 +173,12 @@ class ViewerWidget(AnyWidget):
         for number in self._display_ids:
             show(_still(self._picture), number, update=True)
         SHOWN.forget(self)
+
+    def __del__(self) -> None:
+        """Close the widget without rendering; at the exit of Python, whose modules are then gone, do nothing."""
+        if sys is not None and not sys.is_finalizing():
+            vars(self).get("_display_ids", []).clear()
+            self.close()
 
     def _draw(self, size: tuple[int, int] | None, samples: int | None, bakes: bool) -> Image.Image:
         """Render the view. bakes : whether light that a studio lacks is baked now"""

@@ -1,6 +1,22 @@
-/** Connection to the server, by a WebSocket or through a notebook; reconnects every second after a loss. */
+/**
+ * Connection to the server, by a WebSocket or through a notebook.
+ *
+ * It reconnects every second after a loss; at the user's next input if another view of the widget took its place.
+ */
 
 const RETRY = 1000; // ms
+const REPLACED = "replaced"; // reason of a closed connection
+const INPUTS = ["pointerdown", "wheel", "keydown"];
+
+/** Call a function once, at the user's next input. */
+function atNextInput(act) {
+  const inputs = new AbortController();
+  const once = () => {
+    inputs.abort();
+    act();
+  };
+  for (const name of INPUTS) window.addEventListener(name, once, { capture: true, passive: true, signal: inputs.signal });
+}
 
 /** Unpack a binary message: uint32 length of a JSON header, little-endian; the header; the payload. */
 function unpack(buffer) {
@@ -22,7 +38,8 @@ export class Connection {
   #on;
 
   /**
-   * @param {{opened: () => void, closed: () => void, received: (message: object, payload?: Uint8Array) => void}} on
+   * @param {{opened: () => void, closed: (replaced: boolean) => void,
+   *   received: (message: object, payload?: Uint8Array) => void}} on
    */
   constructor(on) {
     this.#on = on;
@@ -44,9 +61,11 @@ export class Connection {
     socket.binaryType = "arraybuffer";
     socket.onopen = () => this.#on.opened();
     socket.onmessage = (event) => this.#receive(event.data);
-    socket.onclose = () => {
-      this.#on.closed();
-      setTimeout(() => this.#open(), RETRY);
+    socket.onclose = ({ reason }) => {
+      const replaced = reason === REPLACED;
+      this.#on.closed(replaced);
+      if (replaced) atNextInput(() => this.#open());
+      else setTimeout(() => this.#open(), RETRY);
     };
     this.#socket = socket;
   }

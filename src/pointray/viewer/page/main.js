@@ -82,7 +82,7 @@ function takeCamera(message) {
 function opened() {
   sent.size = "";
   picture.restart();
-  overlay.showBanner(false);
+  overlay.showBanner("");
   // Before the size: the server answers a size with its own camera until it has received one.
   sent.camera = null;
   sendCamera();
@@ -159,7 +159,7 @@ function act(action) {
 
 const connection = new Connection({
   opened,
-  closed: () => overlay.showBanner(true),
+  closed: (replaced) => overlay.showBanner(replaced ? "replaced" : "lost"),
   received,
 });
 

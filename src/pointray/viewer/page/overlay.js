@@ -66,9 +66,10 @@ export function legendBox() {
   return box.width && box.height ? box : null;
 }
 
-/** Show or hide the banner of a lost connection. */
-export function showBanner(shown) {
-  byId("banner").hidden = !shown;
+/** Show the banner of a connection that is "lost" or "replaced"; an empty kind hides it. */
+export function showBanner(kind) {
+  byId("banner").hidden = kind !== "lost";
+  byId("replaced").hidden = kind !== "replaced";
 }
 
 /** Hide or show the panel and all overlays. */

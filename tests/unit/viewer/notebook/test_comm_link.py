@@ -1,6 +1,7 @@
 """The link of a widget's view: order, limits, and files in pieces."""
 
 import threading
+import time
 
 import pytest
 
@@ -71,10 +72,12 @@ def test_a_file_is_sent_in_pieces_as_the_page_reads_them(link, posted, tmp_path)
     file = tmp_path / "film.mp4"
     contents = bytes(range(256)) * (7 * PIECE // 256) + b"end"
     file.write_bytes(contents)
-    thread = threading.Thread(target=link.send_file, args=(b"header", file))
+    thread = threading.Thread(target=link.send_file, args=(b"header", file), daemon=True)
     thread.start()
     read = 0
+    end = time.monotonic() + SECONDS
     while thread.is_alive() or read < len(posted):
+        assert time.monotonic() < end, "the file was not sent"
         for content, _ in posted[read:]:
             read += 1
             link.acknowledge(content["bytes"])
@@ -88,7 +91,9 @@ def test_a_file_ends_with_the_connection(link, posted, tmp_path):
     file.write_bytes(bytes(8 * PIECE))
     thread = threading.Thread(target=link.send_file, args=(b"header", file), daemon=True)
     thread.start()
+    end = time.monotonic() + SECONDS
     while len(posted) <= WINDOW // PIECE:
+        assert time.monotonic() < end, "the first pieces were not sent"
         thread.join(0.001)
     thread.join(0.05)  # it waits now, almost certainly; the test holds in either case
     link.close()

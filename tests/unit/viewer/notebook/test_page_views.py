@@ -162,15 +162,29 @@ def test_the_threads_of_a_view_end_when_the_notebook_drops_the_widget(visit, ali
     wait(lambda: threads() <= before)
 
 
-def test_the_oldest_of_too_many_views_is_disconnected(visit, views):
+def use(page, views):
+    """Send an input of the user, and wait until its session has processed it."""
+    session = views._views[page.view].session
+    before = session.used
+    page.say(type="clear")
+    wait(lambda: session.used > before)
+
+
+def test_the_view_that_was_unused_longest_is_disconnected(visit, views):
     pages = [visit(f"{number}") for number in range(MAX_VIEWS)]
-    pages[0].say(type="clear")
+    for page in pages:
+        page.finished(SAMPLES)  # the inputs of `visit` are processed
+    for page in (*pages[1:], pages[0]):
+        use(page, views)
+    for automatic in ({"read": 0}, {"text": '{"type": "seen", "number": 0}'}):
+        views.receive({"view": "1", **automatic})
     visit("more")
-    pages[1].wait(lambda: "gone" in pages[1].states)
+    pages[1].wait(lambda: pages[1].states[1:])
+    assert pages[1].states[1] == "replaced"  # it must not connect again by itself
     before = len(pages[1].states)
     pages[1].say(type="clear")  # the answer is again that it must connect
     pages[1].wait(lambda: pages[1].states[before:])
-    assert set(pages[1].states[1:]) == {"gone"}
+    assert set(pages[1].states[2:]) == {"gone"}
     assert all(page.states == ["opened"] for page in (pages[0], *pages[2:]))
 
 

@@ -2,6 +2,7 @@
 
 import base64
 import io
+import subprocess
 import sys
 from types import ModuleType, SimpleNamespace
 
@@ -10,7 +11,7 @@ import pytest
 from PIL import Image
 
 import pointray as pr
-from helpers.viewer_client import CLOSE, compile_kernels, expected, scene_of
+from helpers.viewer_client import CLOSE, SECONDS, compile_kernels, expected, scene_of
 from helpers.widget_page import WidgetPage
 from pointray.viewer import SharedScene, Viewer, notebook
 from pointray.viewer.messages import describe
@@ -168,6 +169,34 @@ def test_a_closed_widget_leaves_its_picture(widget, cell):
     widget.close()
 
 
+def test_a_widget_that_is_discarded_renders_nothing(widget, cell, monkeypatch):
+    widget._ipython_display_()
+    with monkeypatch.context() as exiting:
+        exiting.setattr(sys, "is_finalizing", lambda: True)
+        widget.__del__()
+    assert widget.comm is not None
+    monkeypatch.setattr(module, "draw", None)  # rendering would fail
+    widget.__del__()
+    assert widget.comm is None and len(cell.shown) == 1
+
+
+AT_EXIT = """
+import pointray as pr
+from pointray.viewer.notebook import widget as module
+module.show = lambda *arguments, **options: None
+scene = pr.Scene()
+scene.add(pr.Model(pr.procedural("sphere", 500)))
+widget = pr.ViewerWidget(scene)
+widget._ipython_display_()
+"""
+
+
+@pytest.mark.long
+def test_a_widget_that_is_shown_prints_nothing_when_python_exits():
+    done = subprocess.run([sys.executable, "-c", AT_EXIT], capture_output=True, text=True, timeout=400)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
 def test_a_cell_that_runs_again_closes_the_widget_that_it_replaces(scene, cell):
     one, two, other = (pr.ViewerWidget(scene) for _ in range(3))
     cell.run("a", "1")
@@ -216,7 +245,8 @@ def test_view_returns_the_widget_in_a_notebook(monkeypatch, scene, capsys):
     widget.close()
 
 
-def test_points_are_loaded_before_the_picture_of_the_notebook_is_made(monkeypatch):
+def test_points_are_loaded_before_the_picture_of_the_notebook_is_made(monkeypatch, model):
+    monkeypatch.setattr(module, "MAX_WAIT", SECONDS)  # `model` has compiled most kernels
     shell_of(monkeypatch)
     widget = pr.view(pr.procedural("sphere", 1_000))
     data, _ = widget._repr_mimebundle_()
