@@ -28,6 +28,7 @@ from .single import LESS, Query
 from .sites import LANES
 
 FARTHER, LEAST, NEARER = 1.7, 0.05, 0.75  # factors of a bound's square: growth, minimum and shrinkage
+SMALLEST = 1e-45  # below it only candidates at the query itself are within a bound; 0.75 times a subnormal can be itself
 ENOUGH = 2  # times k: at most so many candidates are ranked without shrinking the bound
 
 Pool: TypeAlias = tuple[Array, Array, Array, Array, Array]  # x, y, z, numbers and squared distances of all candidates
@@ -77,7 +78,7 @@ def bound_for(squares: Array, end: int, k: int, guess: float, limit: float) -> f
         count = _count_within(squares, end, bound)
     while count > ENOUGH * k + LANES:
         count = _count_within(squares, end, NEARER * bound)
-        if count < k or bound == 0.0:
+        if count < k or bound < SMALLEST:
             break
         bound *= NEARER
     return bound

@@ -175,3 +175,12 @@ def test_rows_are_taken_as_numpy_does(rng, kind, shape):
         assert found.dtype == values.dtype
         np.testing.assert_array_equal(found, values[rows])
     np.testing.assert_array_equal(take(values[::2], np.array([1, 0])), values[[2, 0]])
+
+
+def test_queries_at_hundreds_of_coincident_points_beside_others(rng):
+    """Missing returns at 0, 0, 0: the bound of such a query shrank for ever."""
+    positions = np.concatenate([np.zeros((300, 3)), rng.uniform(-20, 20, (2500, 3))]).astype(np.float32)
+    queries = np.concatenate([rng.uniform(-3, 3, (400, 3)), np.zeros((40, 3))]).astype(np.float32)
+    near = NeighborTree(positions).query(8, queries)
+    exact = np.linalg.norm(queries[:, None].astype(float) - positions, axis=2)
+    np.testing.assert_allclose(near.distances, np.sort(exact, axis=1)[:, :8], rtol=1e-5, atol=1e-6)
