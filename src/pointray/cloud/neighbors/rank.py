@@ -28,7 +28,7 @@ from .single import LESS, Query
 from .sites import LANES
 
 FARTHER, LEAST, NEARER = 1.7, 0.05, 0.75  # factors of a bound's square: growth, minimum and shrinkage
-SMALLEST = 1e-45  # below it only candidates at the query itself are within a bound; 0.75 times a subnormal can be itself
+SMALLEST = 1e-45  # within a smaller bound are only candidates at the query; 0.75 times a subnormal can be the same
 ENOUGH = 2  # times k: at most so many candidates are ranked without shrinking the bound
 
 Pool: TypeAlias = tuple[Array, Array, Array, Array, Array]  # x, y, z, numbers and squared distances of all candidates
