@@ -81,6 +81,7 @@ def threads():
 
 
 def go(page, camera, **changes):
+    page.finished(SAMPLES)  # the view has opened completely
     names = ("eye", "target", "up", "fov")
     page.say(**{"type": "camera", **{name: camera[name] for name in names}, "time": 1.0, **changes})
 
