@@ -14,8 +14,8 @@
 in a cell of a notebook, without the server.
 
 `loading` loads the shared scene (`time_left`: estimates of the time left; `scene_setup`: its lights and ground;
-`default_view`: that of `view`); `sketch` draws points while kernels are
-compiled. `page_limits` limits what one page may use. `page` holds the files that the browser loads.
+`default_view`: what `view` shows of anything but a scene); `sketch` draws points while kernels are compiled.
+`page_limits` limits what one page may use. `page` holds the files that the browser loads.
 
 A change of a slider: `server` passes the message to `session`, the panel's control checks the value, `display` stores
 it in its `view_settings` and requests an image, `painter` draws it, `outbox` packs it and `connection` sends it.
