@@ -122,6 +122,7 @@ def make_blocks(positions: Floats, scale: float, in_order: bool) -> Blocks:
 
     in_order : whether the positions already are in kd order, which saves sorting them
     """
+    positions = np.ascontiguousarray(positions)
     n = len(positions)
     order = np.empty(0, np.int32) if in_order or n == 0 else kd_order(positions)
     count = -(-n // LANES)

@@ -100,6 +100,14 @@ def test_no_queries_have_no_neighbors():
     assert distances.shape == indices.shape == (0, 3)
 
 
+def test_queries_may_be_any_rows_of_an_array(rng):
+    positions = rng.random((500, 3), np.float32)
+    distances, indices = neighbors(positions, 3, positions[::2])
+    assert np.array_equal(indices, neighbors(positions, 3)[1][::2])
+    assert np.array_equal(neighbors(np.asfortranarray(positions), 3, positions[::2])[0], distances)
+
+
+
 def test_more_points_than_are_collected(rng):
     cloud = np.concatenate([SPHERE, np.float32(1e-3) * rng.random((16 * (SPARE + 20 // PER_NEIGHBOR), 3), np.float32)])
     distances, indices = neighbors(cloud, 20)
