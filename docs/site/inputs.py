@@ -27,8 +27,9 @@ def known_scans() -> dict[str, dict[str, object]]:
 
 
 def place_scans(page: Page, folder: Path) -> bool:
-    """Put the scans of a page into a folder; return whether all of them are the real ones."""
-    (folder / "examples").symlink_to(ROOT / "examples")
+    """Put the scans of a page, examples and documents into a folder; return whether all of them are the real ones."""
+    for name in ("examples", "docs"):
+        (folder / name).symlink_to(ROOT / name)
     known, real = known_scans(), True
     for file, name in page.scans.items():
         if name not in known:
