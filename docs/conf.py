@@ -38,6 +38,7 @@ html_theme = "pydata_sphinx_theme"
 html_title = "pointray"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
+html_js_files = ["site.js"]
 html_theme_options = {
     "github_url": "https://github.com/pointray/pointray",
     "header_links_before_dropdown": 7,
