@@ -36,6 +36,7 @@ numpydoc_xref_param_type = False
 
 html_theme = "pydata_sphinx_theme"
 html_title = "pointray"
+html_baseurl = "https://pointray.readthedocs.io/en/stable/"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_js_files = ["site.js"]

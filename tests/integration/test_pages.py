@@ -119,3 +119,9 @@ def test_wrong_pages_are_reported(tmp_path, monkeypatch):
     run.run()
     assert len(run.problems) == 1 and "line 2" in run.problems[0] and "exit status 2" in run.problems[0]
     assert run.lacking == ["No module named 'none'"]
+
+
+def test_every_public_name_is_in_the_reference():
+    text = "".join(path.read_text() for path in (DOCS / "reference" / "api").glob("*.md"))
+    documented = set(re.findall(r"^\.\. auto(?:class|function|exception):: (\w+)$", text, re.MULTILINE))
+    assert documented == {*pr.__all__, "RaycastingScene"} - {"__version__"}
