@@ -11,7 +11,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK = 1
 # Tests start many processes: none compiles the sources to bytecode again, whatever the environment says.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo kernels test long test-all kernels-checked check lint-release bench attack wheel wheels sdist format clean
+.PHONY: demo kernels test long test-all kernels-checked check lint-release docs bench attack wheel wheels sdist format clean
 .DELETE_ON_ERROR:
 
 $(VENV)/installed: pyproject.toml
@@ -64,6 +64,15 @@ lint-release: $(VENV)/release
 	$(BIN)/shellcheck .ci/run
 	$(BIN)/hadolint packaging/Dockerfile
 	$(BIN)/python .ci/lint_recipe.py packaging/conda/recipe.yaml
+
+$(VENV)/docs: pyproject.toml $(VENV)/installed
+	$(BIN)/python -m pip install --quiet --editable '.[docs]'
+	@touch $@
+
+# The documentation site, in build/docs/html: runs the code of all pages, compares their pictures, calls Sphinx.
+# make docs ACCEPT=1 stores the pictures that pages produce; make docs ONLY=guides runs the pages of that name.
+docs: $(VENV)/docs
+	$(BIN)/python -m docs.site $(if $(ACCEPT),--accept) $(if $(ONLY),--only $(ONLY) --pages)
 
 format: $(VENV)/tools
 	$(BIN)/ruff check --fix .

@@ -26,7 +26,7 @@ TARGET = ROOT / "tests" / "integration" / "public_api.txt"
 INTERNAL = {"align_tree", "check_whole", "portable", "record", "tables"}
 INTERNAL |= {f"Model.{name}" for name in ("data", "drawing", "longest", "place", "settings", "source", "step", "tree")}
 INTERNAL |= {"Attribute.values", "Baked.coarser", "Baked.lacks_levels", "Scene.shown_attributes", "Scene.snapshot"}
-OF_DEVELOPERS = {"dev", "release", "wheel"}  # extras
+OF_DEVELOPERS = {"dev", "docs", "release", "wheel"}  # extras
 MARKS = {inspect.Parameter.VAR_POSITIONAL: "*", inspect.Parameter.VAR_KEYWORD: "**"}
 
 

@@ -12,6 +12,7 @@ import pointray as pr
 from helpers.dask_clusters import ball, camera_of, cluster_of, scene_of
 from helpers.marks import long
 from pointray.baking import baked
+from pointray.cluster.dispatch import aligned
 from pointray.rendering import picture, sequence
 
 CAMERAS = [camera_of(36, 24, turn) for turn in np.linspace(0, 6, 7)]
@@ -154,3 +155,13 @@ def test_light_baked_for_a_call_is_not_kept(call: str, monkeypatch: pytest.Monke
     assert before.keys() == after.keys()
     for name, value in before.items():
         np.testing.assert_equal(after[name], value)
+
+
+def test_received_arrays_are_aligned() -> None:
+    """Kernels refuse others: a film by workers over a contact shadow failed, depending on the layout of the message."""
+    message = memoryview(bytearray(41))[1:]
+    image = np.frombuffer(message, np.float32)
+    assert not image.flags.aligned
+    (once,), same = aligned(((image,), 3.0))
+    assert once.flags.aligned and same == 3.0
+    np.testing.assert_array_equal(once, image)

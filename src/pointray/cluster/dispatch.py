@@ -27,6 +27,13 @@ SLOW_AT_HOME = 60.0  # the same seconds for a job with a home, as other workers 
 ATTEMPTS = 4  # attempts of a job whose workers die, as it may be the cause
 
 
+def aligned(result: Any) -> Any:
+    """Return a received result whose arrays are aligned, as kernels require; those of a message may not be."""
+    if isinstance(result, np.ndarray):
+        return np.require(result, requirements="A")
+    return tuple(map(aligned, result)) if type(result) is tuple else result
+
+
 @dataclass(eq=False)
 class _Assignment:
     """A job on a worker, until its result has been received.
@@ -181,7 +188,7 @@ class Dispatch:
         for one in self._assignments_for(assignment.job):
             self._release(one)
         self._retries = deque(other for other in self._retries if other[0] is not assignment.job)
-        yield assignment.job, assignment.result.result()
+        yield assignment.job, aligned(assignment.result.result())
 
     def _fail(self, assignment: _Assignment, error: BaseException | None) -> None:
         """Retry a failed job if its worker was lost or does not see a file; otherwise raise its error.

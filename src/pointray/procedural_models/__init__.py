@@ -207,8 +207,8 @@ def procedural_distance(name: str, x: ArrayLike) -> Any:
     Notes
     -----
     The sphere and the torus have closed formulas. The lattice and the statue are blends of shapes, the zero set of a
-    smooth function f, whose nearest surface point is found iteratively: the result is f / |grad f| within 1e-6 of the
-    surface, the Euclidean distance to 1% within 0.03 of it, and to 2% within 0.1, as measured (a relief has many
+    smooth function f, whose nearest surface point is found iteratively: the result is f / norm(grad f) within 1e-6 of
+    the surface, the Euclidean distance to 1% within 0.03 of it, and to 2% within 0.1, as measured (a relief has many
     locally nearest points). Its size is never less than that of the exact distance.
 
     Examples

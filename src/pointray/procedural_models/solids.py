@@ -222,9 +222,9 @@ def _nearer(
 def distance(solid: Solid, x: float, y: float, z: float) -> float:
     """Return the signed Euclidean distance from a point to the surface of a solid, negative inside.
 
-    For blended solids (lattice and clay) it is f / |grad f|, with f the solid's field, if that is below 1e-6. Farther
-    away, the projection of the point onto the surface slides to the nearest point; beyond 0.004 (`CLOSE`), where a
-    relief has many such points, the ball up to it is searched for a nearer one.
+    For blended solids (lattice and clay) it is f / norm(grad f), with f the solid's field, if that is below 1e-6.
+    Farther away, the projection of the point onto the surface slides to the nearest point; beyond 0.004 (`CLOSE`),
+    where a relief has many such points, the ball up to it is searched for a nearer one.
     """
     f = field(solid, x, y, z)
     if solid.kind == SPHERE or solid.kind == TORUS or f == 0.0:

@@ -119,9 +119,9 @@ class Camera:
             `up`, made perpendicular to the view, at the upper edge. The size 2 : 1 gives equal degrees a pixel.
         aperture : float
             Diameter of the lens in world units, not negative; 0: pinhole. A thin lens spreads a point at distance z
-            along the view over a disc of diameter aperture |z - focus| / focus, in world units at its distance (circle
-            of confusion). In an orthographic image each ray has such a lens around its origin; a panorama has none. The
-            blur needs several samples a pixel.
+            along the view over a disc of diameter aperture abs(z - focus) / focus, in world units at its distance
+            (circle of confusion). In an orthographic image each ray has such a lens around its origin; a panorama has
+            none. The blur needs several samples a pixel.
         focus : float, optional
             Distance of the plane in focus along the view, positive, may be inf; None: the target's distance.
 

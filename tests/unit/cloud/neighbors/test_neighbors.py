@@ -107,7 +107,6 @@ def test_queries_may_be_any_rows_of_an_array(rng):
     assert np.array_equal(neighbors(np.asfortranarray(positions), 3, positions[::2])[0], distances)
 
 
-
 def test_more_points_than_are_collected(rng):
     cloud = np.concatenate([SPHERE, np.float32(1e-3) * rng.random((16 * (SPARE + 20 // PER_NEIGHBOR), 3), np.float32)])
     distances, indices = neighbors(cloud, 20)
