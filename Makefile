@@ -3,7 +3,7 @@
 # process more than cores, up to four, as tests wait for other processes now and then.
 PYTHON ?= python3
 VENV := .venv
-BIN := $(VENV)/bin
+BIN := $(VENV)/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 JOBS ?= $(shell expr $$(getconf _NPROCESSORS_ONLN) + 1)
 PYTEST = $(BIN)/python -m pytest --numprocesses $(JOBS) --maxprocesses 4 --dist worksteal \
 	$(if $(SHUFFLE),-p randomly --randomly-seed=$(SHUFFLE)) $(if $(REPORTS),--junitxml=$(REPORTS)/$@.xml)
@@ -11,7 +11,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK = 1
 # Tests start many processes: none compiles the sources to bytecode again, whatever the environment says.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo kernels test long test-all kernels-checked check docs bench attack wheel wheels format clean
+.PHONY: demo kernels test long test-all kernels-checked check lint-release docs bench attack wheel wheels sdist format clean
 .DELETE_ON_ERROR:
 
 $(VENV)/installed: pyproject.toml
@@ -25,6 +25,10 @@ $(VENV)/tools: pyproject.toml $(VENV)/installed
 
 $(VENV)/wheel: pyproject.toml $(VENV)/tools
 	$(BIN)/python -m pip install --quiet --editable '.[wheel]'
+	@touch $@
+
+$(VENV)/release: pyproject.toml $(VENV)/tools
+	$(BIN)/python -m pip install --quiet --editable '.[release]'
 	@touch $@
 
 demo: $(VENV)/installed
@@ -53,6 +57,13 @@ check: $(VENV)/tools
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/python .ci/phrases.py
+
+# Workflows and their scripts, Dockerfile, conda recipe. Takes seconds.
+lint-release: $(VENV)/release
+	$(BIN)/jactionlint --profile correctness --shellcheck=$(BIN)/shellcheck
+	$(BIN)/shellcheck .ci/run
+	$(BIN)/hadolint packaging/Dockerfile
+	$(BIN)/python .ci/lint_recipe.py packaging/conda/recipe.yaml
 
 $(VENV)/docs: pyproject.toml $(VENV)/installed
 	$(BIN)/python -m pip install --quiet --editable '.[docs]'
@@ -85,11 +96,21 @@ wheel: $(VENV)/wheel
 	case $(SYSTEM) in linux-*) \
 		$(BIN)/auditwheel show dist/*-manylinux_2_17_$(SYSTEM:linux-%=%).whl | grep '"manylinux_2_17_' ;; \
 	esac
+	$(BIN)/twine check --strict dist/*.whl
+	$(BIN)/check-wheel-contents dist/*.whl
 
 wheels:
 	for system in linux-x86_64 linux-aarch64 windows-x86_64 macos-arm64 macos-x86_64; do \
 		$(MAKE) wheel SYSTEM=$$system || exit 1; \
 	done
+
+OUT ?= dist
+
+# The sources, and from them a wheel without libraries.
+sdist: $(VENV)/wheel
+	$(BIN)/python -m build --outdir $(OUT)
+	$(BIN)/twine check --strict $(OUT)/*.tar.gz $(OUT)/*-any.whl
+	$(BIN)/check-wheel-contents $(OUT)/*-any.whl
 
 clean:
 	rm -rf $(VENV) dist build
