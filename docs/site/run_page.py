@@ -25,6 +25,7 @@ from pointray.cli import execute
 from .inputs import place_scans
 from .pages import ROOT, Block, Page, load_page
 from .pictures import compare, find_produced, store
+from .screenshot import take
 
 NOT_RUN = "pip", "make", "git", "cd"  # of installing: only checked
 CLUSTER = "tcp://node1:8786"  # the address of a cluster on all pages
@@ -76,7 +77,7 @@ class PageRun:
             elif accept and self.real:
                 store(produced, stored)
             elif not stored.exists() or self.real:
-                difference = compare(produced, stored, bool(self.page.quick))
+                difference = compare(produced, stored, bool(self.page.quick) or stored.stem == "viewer")
                 self.problems += [f"{self.page.name}: {difference}"] if difference else []
 
     def _with_cluster(self, text: str) -> str:
@@ -112,8 +113,10 @@ class PageRun:
                 raise PageError(f"cannot run {line!r}: use a console or text block")
 
     def _command(self, arguments: list[str]) -> None:
-        if arguments[:1] == ["view"]:
-            return  # tests/integration/test_pages.py opens it
+        if arguments[:1] == ["view"]:  # tests/integration/test_pages.py opens all of them
+            if any(picture.stem == "viewer" for picture in self.page.pictures) and not Path("viewer.png").exists():
+                take(arguments[1:], Path("viewer.png"))
+            return
         for option, value in self.page.quick.items():
             if arguments[0] in ("render", "animate") and option in arguments:
                 arguments[arguments.index(option) + 1] = value

@@ -16,6 +16,7 @@ from PIL import Image
 import pointray as pr
 from helpers.clouds import sphere_points
 from helpers.marks import long
+from pointray.base.manual import REPORT, address_of
 from pointray.cli import execute
 
 SMALL = ["--size", "32x24", "--spp", "1"]
@@ -326,7 +327,7 @@ def test_a_defect_is_one_line(scan: Path, capsys: pytest.CaptureFixture[str], mo
 
     monkeypatch.setattr(pr, "Model", broken)
     assert execute(["render", str(scan), "-o", str(scan.with_name("a.png")), *SMALL]) == 1
-    assert capsys.readouterr().err == "pointray: RuntimeError: something broke\n"
+    assert capsys.readouterr().err == f"pointray: RuntimeError: something broke; see {address_of(REPORT)}\n"
 
 
 def test_warnings_of_the_caller_are_not_affected(scan: Path) -> None:

@@ -7,7 +7,7 @@ from helpers.places import ROOT
 from native.targets import SYSTEMS
 
 PAGE = (ROOT / "docs" / "install.md").read_text()
-DEVELOPMENT = {"dev", "wheel", "release"}
+DEVELOPMENT = {"dev", "docs", "wheel", "release"}
 
 
 def test_the_page_lists_all_extras_and_their_packages():

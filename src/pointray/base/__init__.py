@@ -11,6 +11,6 @@ progress, warning_log : progress callbacks; warnings collected per thread
 memory, malloc_arenas : available memory, and returning freed memory to the system
 atomic_write : files replaced atomically
 disk_columns : arrays on disk, read and written in pieces
-spelling : suggestions for misspelt names
+spelling : suggestions for misspelt names; manual : its address, and the page about an error
 version : the package's version
 """

@@ -5,6 +5,8 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
+from .manual import with_note
+
 
 class MissingPackageError(ImportError, ValueError):
     """Error for a missing optional package. Also a ValueError, which earlier releases raised."""
@@ -23,4 +25,5 @@ def require(module: str, extra: str, what: str) -> Any:
     try:
         return importlib.import_module(module)
     except ImportError:
-        raise MissingPackageError(f"{what} needs {module.replace('_', '-')}: pip install 'pointray[{extra}]'") from None
+        message = f"{what} needs {module.replace('_', '-')}: pip install 'pointray[{extra}]'"
+        raise with_note(MissingPackageError(message)) from None

@@ -12,6 +12,8 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path, PurePosixPath
 
+from .manual import with_note
+
 FULL_DISK = {getattr(errno, name, None) for name in ("ENOSPC", "EDQUOT", "EFBIG")} - {None}  # error numbers
 MEMINFO, CGROUPS, OWN_CGROUPS = Path("/proc/meminfo"), Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
 # Files and keys of a control group: its limit, its usage, and the part of the usage that the system can reclaim.
@@ -32,7 +34,8 @@ def check_memory(need: int, what: str) -> None:
     """Raise ValueError if `need` bytes are not available. what : such as "to write a.png", for the message"""
     free = available_memory()
     if free is not None and need > free:
-        raise ValueError(f"{_in_units(need)} of memory are needed {what}, {_in_units(free)} are available")
+        message = f"{in_units(need)} of memory are needed {what}, {in_units(free)} are available"
+        raise with_note(ValueError(message))
 
 
 def trim_heap() -> None:
@@ -41,7 +44,8 @@ def trim_heap() -> None:
         ctypes.CDLL(None).malloc_trim(0)
 
 
-def _in_units(size: int) -> str:
+def in_units(size: int) -> str:
+    """Return a number of bytes as text, in GiB or MiB."""
     return f"{size / 2**30:.1f} GiB" if size >= 2**30 else f"{size / 2**20:.0f} MiB"
 
 

@@ -8,7 +8,8 @@ scene_file, views, keys : scene files, cameras, and keyframes of films
 outputs, animate : the work of `render` and `animate`
 baked_light, bake : sources of baked light, and the work of `bake`
 prepare, convert, demo, serve, benchmark : the work of `prepare`, `convert`, `demo`, `view` and `bench`
-facts, report, tables, system : the work of `info`
+facts, report, tables : the work of `info`; system, problems : that of `info --system`
+greeting : `pointray` without arguments
 waiting : progress bars and Ctrl-C; printable : texts without control characters; cluster : Dask workers
 __main__ : `python -m pointray.cli`
 
@@ -26,6 +27,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
+from ..base.manual import REPORT, address_of, page_about
 from ..base.memory import FULL_DISK
 from .printable import printable
 
@@ -37,11 +39,18 @@ NO_MEMORY_SIGNS = ("bad_alloc", "start new thread", "failed to map segment", "an
 def execute(arguments: Sequence[str]) -> int:
     """Run a command given as command-line arguments, and print errors and warnings in one line each.
 
+    Without arguments, print examples.
+
     Returns
     -------
     int
         Exit status: 0, 1 (failed), 2 (bad input), 130 (interrupted).
     """
+    if not arguments:
+        from .greeting import greeting
+
+        print(greeting())
+        return DONE
     with warnings.catch_warnings():
         warnings.showwarning = _note  # type: ignore[assignment]
         warnings.simplefilter("default", UserWarning)
@@ -73,20 +82,20 @@ def _is_interrupted(error: BaseException | None) -> bool:
 def _report(error: Exception) -> int:
     """Print an error in one line and return the exit status of the command: 1 (failed) or 2 (bad input)."""
     status = getattr(error, "exit_code", None)  # typer's own errors have one
-    if type(error).__name__ == "NoArgsIsHelpError":
-        print(error)
-        return BAD_INPUT
     if status is not None:
         _print(_usage(error))
         return int(status)
     if _lacks_memory(error):
-        _print(f"not enough memory ({' '.join(f'{type(error).__name__}: {error}'.split()).rstrip(': ')})")
+        _explain(f"not enough memory ({' '.join(f'{type(error).__name__}: {error}'.split()).rstrip(': ')})")
         return FAILED
     if isinstance(error, OSError | ValueError):
-        _print(_reason(error))
+        _explain(_reason(error))
         # A full disk is not bad input.
         return FAILED if isinstance(error, OSError) and error.errno in FULL_DISK else BAD_INPUT
-    _print(str(error) if type(error).__name__ == "WriteError" else f"{type(error).__name__}: {error}")
+    if type(error).__name__ == "WriteError":
+        _print(str(error))
+    else:
+        _print(f"{type(error).__name__}: {error}; see {address_of(REPORT)}")
     return FAILED
 
 
@@ -125,13 +134,19 @@ def _reason(error: OSError | ValueError) -> str:
     return f"{text}{did_you_mean(attribute[1], attribute[2].split(', '))}" if attribute else text
 
 
+def _explain(text: str) -> None:
+    """Print a message in one line, with the address of the manual's page about it if there is one."""
+    page = page_about(text)
+    _print(f"{text}; see {page}" if page else text)
+
+
 def _print(text: str) -> None:
     print(f"pointray: {printable(' '.join(text.split()))}", file=sys.stderr)
 
 
 def _note(message: Any, *rest: Any) -> None:
     """Print a warning of the package in one line, in place of `warnings.showwarning`. rest : not used"""
-    _print(f"note: {message}")
+    _explain(f"note: {message}")
 
 
 def main() -> None:

@@ -30,7 +30,7 @@ def show_table(facts: dict[str, Any], as_json: bool) -> None:
 
     console = Console(highlight=False)
     rows = [[LABELS.get(name, name.replace("_", " ")), _text(value)] for name, value in _rows(facts).items()]
-    console.print(_table(rows))
+    console.print(table_of(rows))
     if len(facts.get("files", ())) > 1:
         console.print("", _files(facts["files"]), sep="\n")
     if facts.get("ranges"):
@@ -38,7 +38,7 @@ def show_table(facts: dict[str, Any], as_json: bool) -> None:
     for name, about in facts.get("ranges", {}).items():
         if "counts" in about:
             rows = [[value, class_name(value), f"{count:,}"] for value, count in about["counts"].items()]
-            console.print("", _table([[name, "", "points"], *rows], right=(0, 2), heads=True), sep="\n")
+            console.print("", table_of([[name, "", "points"], *rows], right=(0, 2), heads=True), sep="\n")
     if "first_picture" in facts:
         console.print("", _picture(facts["first_picture"]), sep="\n")
 
@@ -49,10 +49,10 @@ def _picture(facts: dict[str, Any]) -> Any:
     rows = [["up", facts["up"]], ["view", view], ["colours", facts["colors"]], ["normals", facts["normals"]]]
     if facts["ignored"]:
         rows.append(["ignored", facts["ignored"].removeprefix("Not framed: ").rstrip(".")])
-    return _table([["picture", "automatic: --up, --view, --color, --normals change it"], *rows], heads=True)
+    return table_of([["picture", "automatic: --up, --view, --color, --normals change it"], *rows], heads=True)
 
 
-def _table(rows: list[list[str]], right: tuple[int, ...] = (), heads: bool = False) -> Any:
+def table_of(rows: list[list[str]], right: tuple[int, ...] = (), heads: bool = False) -> Any:
     """Return a Rich table of texts. right : indices of right-aligned columns; heads : whether row 0 has titles"""
     from rich.table import Table
     from rich.text import Text
@@ -71,7 +71,7 @@ def _files(files: list[dict[str, Any]]) -> Any:
     files : facts by name of each file
     """
     rows = [[file["file"], file["format"], _count(file.get("rows")), _describe_header(file)] for file in files]
-    return _table([["file", "format", "rows", ""], *rows], right=(2,), heads=True)
+    return table_of([["file", "format", "rows", ""], *rows], right=(2,), heads=True)
 
 
 def _ranges(ranges: dict[str, dict[str, Any]]) -> Any:
@@ -81,7 +81,7 @@ def _ranges(ranges: dict[str, dict[str, Any]]) -> Any:
         low, high = (_exact(about[end], about["dtype"]) for end in ("low", "high"))
         lost = about.get("not_finite")
         rows.append([name, about["dtype"], low, high, f"{lost:,} not finite" if lost else ""])
-    return _table([["attribute", "", "min", "max", ""], *rows], right=(2, 3), heads=True)
+    return table_of([["attribute", "", "min", "max", ""], *rows], right=(2, 3), heads=True)
 
 
 def _exact(value: Any, dtype: str) -> str:

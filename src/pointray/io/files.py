@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from ..base import arguments
 from ..base.atomic_write import replacing
+from ..base.manual import noted
 from ..base.progress import Progress, StageProgress, in_stage
 from ..base.warning_log import warn
 from ..cloud.conversion import PointsLike, check_points
@@ -127,7 +128,7 @@ def open_files(path: Paths, request: Request, progress: StageProgress | None = N
     ValueError
         If the format of a file is unknown, or, on exit, if a file has been modified meanwhile.
     """
-    with ExitStack() as stack:
+    with noted(), ExitStack() as stack:
         files = paths_of(path, stack)
         before = [stamp(file) for file in files]
         openers = [

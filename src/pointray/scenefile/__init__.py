@@ -13,6 +13,7 @@ from __future__ import annotations
 import os
 
 from ..base.arguments import check_callback, check_path
+from ..base.manual import noted
 from ..base.progress import StageProgress
 from .plan import Plan, SceneFile
 
@@ -99,4 +100,5 @@ def load_scene(path: str | os.PathLike[str], progress: StageProgress | None = No
     """
     check_path(path)
     check_callback(progress)
-    return Plan(path).build(progress)
+    with noted():
+        return Plan(path).build(progress)

@@ -23,7 +23,6 @@ from .trials import bench, demo
 
 app = typer.Typer(
     add_completion=False,
-    no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["--help", "-h"], "max_content_width": 100},
     help="\b\nExamples:\n  pointray view scan.ply\n  pointray render scan.ply -o scan.png\n\n"

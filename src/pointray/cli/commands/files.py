@@ -159,9 +159,10 @@ def info(
     if system:
         if files or deep or verify:
             raise ValueError("--system can only be combined with --json")
-        from ..system import describe_system
+        from ..system import describe_system, show_system
 
-        show_table(describe_system(), json)
+        facts = describe_system()
+        show_table(facts, json) if json else show_system(facts)
         return
     if not files:
         raise ValueError("Missing argument 'FILES...'.")

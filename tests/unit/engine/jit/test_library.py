@@ -14,6 +14,7 @@ import pytest
 import pointray
 from helpers.marks import long
 from helpers.native_library import PACKAGE, needs_library
+from pointray.base.manual import address_of
 from pointray.cli import BAD_INPUT, execute
 from pointray.engine.jit import library
 
@@ -221,7 +222,7 @@ sys.exit(execute(["render", {str(scan)!r}, "-o", {str(tmp_path / "a.png")!r}]))
     _, output = run(code, BAD_INPUT, POINTRAY_KERNELS="auto", POINTRAY_CHECK="")
     assert output == (
         "pointray: this installation has no compiled kernels, and Numba is not installed to compile them: "
-        "pip install 'pointray[jit]'\n"
+        f"pip install 'pointray[jit]'; see {address_of('troubleshooting.html#missing-packages')}\n"
     )
 
 
