@@ -500,7 +500,8 @@ def test_the_example_of_the_documentation_works(tmp_path: Path, capsys: pytest.C
     assert execute(["render", str(tmp_path / "scene.toml"), "-o", str(tmp_path / "a.png"), "--size", "16x12"]) == 0
     (tmp_path / "a.png").unlink()
     wrong = small.replace("direction = [1, 1, -1.5]", "direction = [0, 0, 0]")
-    assert f"    pointray: {refusal(tmp_path, wrong, capsys)}\n" in page
+    message, _, link = refusal(tmp_path, wrong, capsys).partition("; see ")
+    assert f"    pointray: {message}\n" in page and "scenes.html" in link
 
 
 def test_errors_are_reported_in_one_line(tmp_path):

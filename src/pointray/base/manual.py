@@ -18,7 +18,7 @@ PAGES = {
     r"cut off|is damaged": "troubleshooting.html#truncated-files",
     r"contains no|: is empty|none of the \d+ files|left no points": "troubleshooting.html#no-points",
     r"\(HTTP \d+\)|the server |is a web page": "remote.html",
-    r"\.toml:\d+: |not valid TOML": "scenes.html",
+    r"\.toml:\d+: (?!.*No such file)|not valid TOML": "scenes.html",
 }
 
 Failure = TypeVar("Failure", bound=Exception)

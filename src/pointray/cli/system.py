@@ -33,7 +33,7 @@ ENABLES = {
     "remote": "files on servers (http, s3, gs)",
     "notebook": "the viewer as a notebook widget, without a port",
     "film": "MP4 films",
-    "geo": "projection of coordinates in degrees",
+    "geo": "exact projection of coordinates in degrees",
     "denoise": "--denoise",
     "cluster": "--workers and --cluster (Dask)",
 }
