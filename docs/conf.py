@@ -64,6 +64,9 @@ def read_source(app, name, source):
     if name.startswith("project/") and page.exists():
         text = re.sub(r"\]\(docs/", "](../", page.read_text())
         source[0] = re.sub(r"\]\(([A-Z]+)\.md", lambda link: f"]({link[1].lower()}.md", text)
+    up = "../" * name.count("/")
+    top = r"\]\((?:\.\./)+(ARCHITECTURE|CONTRIBUTING|CHANGELOG)\.md"
+    source[0] = re.sub(top, lambda link: f"]({up}project/{link[1].lower()}.md", source[0])
     outside = r"\]\((?:\.\./)*((?:examples|bench|src|tests|native)/?[^)#]*|LICENSE|README\.md)\)"
     source[0] = re.sub(outside, lambda link: f"]({SOURCE}/blob/main/{link[1]})", source[0])
 
