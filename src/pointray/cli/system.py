@@ -7,6 +7,7 @@ import os
 import platform
 import re
 import sys
+import tempfile
 import webbrowser
 from collections.abc import Callable
 from contextlib import suppress
@@ -163,8 +164,16 @@ def _cache_facts() -> dict[str, Any]:
             with suppress(OSError):
                 size += os.lstat(os.path.join(place, name)).st_size
     existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
-    writable = existing.is_dir() and os.access(existing, os.W_OK | os.X_OK)
-    return {"folder": str(folder), "bytes": size, "writable": writable}
+    return {"folder": str(folder), "bytes": size, "writable": _is_writable(existing)}
+
+
+def _is_writable(folder: Path) -> bool:
+    """Return whether a file can be created in a folder; permissions do not tell, for example in /proc."""
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            return True
+    except OSError:
+        return False
 
 
 def _requirements(extra: str) -> dict[str, str | None]:
