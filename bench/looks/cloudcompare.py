@@ -1,7 +1,10 @@
 """Render points with CloudCompare, which has no such option, by capturing its window on a virtual screen.
 
-Its camera cannot be set from outside either. So points are projected to pixel coordinates, and CloudCompare shows them
-from above, its default view. Needs Debian's cloudcompare, xvfb and xdotool:
+    python -m bench.looks.cloudcompare SEEN.ply WIDTHxHEIGHT PICTURE.png
+
+Its command line mode draws nothing (https://github.com/CloudCompare/CloudCompare/issues/1431), and its camera cannot be
+set from outside. So points are projected to pixel coordinates, `seen_from`, and CloudCompare shows them from above, its
+default view. Needs Debian's cloudcompare, xvfb and xdotool:
 
     apt-get install --no-install-recommends cloudcompare xvfb xdotool
 """
@@ -11,9 +14,10 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
+import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -26,8 +30,16 @@ DISPLAY = ":95"
 SCREEN = 2400, 2000
 VIEW = 330, 80, 2340, 1830  # pixels of the screen in which there are points: left, top, right, bottom
 AXES = 2240, 1740  # from here on to the right and down there are the axes
-MIDDLE, TICKS = (1344, 960), 14  # where the wheel is turned, and how often, to make points large
-OPENS, ANSWERS = 10.0, 4.0  # seconds to wait after opening a file, and after each mouse or key event
+SMALLEST = 100  # pixels between corners: less is something else
+MIDDLE = 1344, 960  # where the wheel is turned with Alt, which changes the size of points
+POINT_SIZE = 3  # pixels; CloudCompare starts with 1
+LONGEST, ANSWER, PAUSE = 120.0, 10.0, 0.25  # seconds to wait for a picture, for a change, and between two looks
+CONFIG = ".config/CCCorp/CloudCompare.conf"
+WHITE = r"""[OpenGL]
+backgroundColor=@ByteArray(\xff\xff\xff)
+backgroundGradient=false
+crossDisplayed=false
+"""
 GREY = 220  # sRGB, of points without colours
 
 
@@ -38,8 +50,9 @@ def screen() -> Iterator[dict[str, str]]:
         if shutil.which(program) is None:
             raise SystemExit(f"{program} is not installed: see {Path(__file__).name}")
     server = subprocess.Popen(["Xvfb", DISPLAY, "-screen", "0", "{}x{}x24".format(*SCREEN)], stderr=subprocess.DEVNULL)
-    time.sleep(1)
     try:
+        socket = Path(f"/tmp/.X11-unix/X{DISPLAY[1:]}")
+        _wait(socket.exists)
         yield {**os.environ, "DISPLAY": DISPLAY}
     finally:
         server.terminate()
@@ -48,35 +61,63 @@ def screen() -> Iterator[dict[str, str]]:
 
 def drawn(points: pr.Points, camera: pr.Camera, folder: Path) -> Image.Image:
     """Return CloudCompare's picture, or a grey one if its window stayed empty."""
-    flat, colors = seen_from(points, camera)
-    pr.write(folder / "seen.ply", pr.Points(flat, colors=colors))
+    pr.write(folder / "seen.ply", seen_from(points, camera))
+    try:
+        return capture(folder / "seen.ply", camera.size)
+    except TimeoutError:
+        return Image.new("RGB", camera.size, "grey")
+
+
+def capture(file: Path, size: tuple[int, int]) -> Image.Image:
+    """Return the picture of a file of `seen_from`. A TimeoutError is raised if its corners do not appear."""
+    config = file.parent / CONFIG
+    config.parent.mkdir(parents=True, exist_ok=True)
+    config.write_text(WHITE)
     with screen() as environment:
-        silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-        quiet = {"env": {**environment, "HOME": str(folder)}, **silent}
+        quiet = {"env": {**environment, "HOME": str(file.parent)}}
+        quiet |= {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
         convert = ["-C_EXPORT_FMT", "BIN", "-NO_TIMESTAMP", "-SAVE_CLOUDS"]  # others open with a dialog
-        subprocess.run(["CloudCompare", "-SILENT", "-O", folder / "seen.ply", *convert], **quiet, timeout=200)
-        program = subprocess.Popen(["CloudCompare", folder / "seen.bin"], **quiet)
+        subprocess.run(["CloudCompare", "-SILENT", "-O", file, *convert], **quiet, timeout=200)
+        program = subprocess.Popen(["CloudCompare", file.with_suffix(".bin")], **quiet)
         try:
-            time.sleep(OPENS)
-            _press(environment, "search", "--onlyvisible", "--name", "CloudCompare", "windowsize", *SCREEN)
-            _press(environment, "search", "--onlyvisible", "--name", "CloudCompare", "windowmove", 0, 0)
-            time.sleep(ANSWERS)
-            _press(environment, "mousemove", *MIDDLE, "click", "--repeat", TICKS, "--delay", 150, 4)
-            time.sleep(ANSWERS)
-            shown = ImageGrab.grab(xdisplay=DISPLAY).convert("RGB")
+            window = ["search", "--sync", "--onlyvisible", "--name", "CloudCompare"]
+            _press(environment, *window, "windowmove", 0, 0, "windowsize", "--sync", *SCREEN)
+            shown = _settled()
+            _press(environment, "mousemove", *MIDDLE)
+            while _red(shown).sum() < 4 * POINT_SIZE**2:
+                _press(environment, "keydown", "alt", "click", 4, "keyup", "alt")
+                with suppress(TimeoutError):  # the event was lost
+                    shown = _settled(shown, ANSWER)
         finally:
             program.terminate()
             program.wait()
-    box = _corners(np.asarray(shown).astype(int))
-    if box is None:
-        return Image.new("RGB", camera.size, "grey")
-    return shown.crop(box).resize(camera.size, Image.Resampling.LANCZOS)
+    return shown.crop(_corners(shown)).resize(size, Image.Resampling.LANCZOS)
 
 
-def seen_from(points: pr.Points, camera: pr.Camera) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
-    """Points in the picture, in pixels from its middle: to the right, upwards, and to the camera; and their colours.
+def _wait(ready: Callable[[], bool], longest: float = LONGEST) -> None:
+    end = time.monotonic() + longest
+    while not ready():
+        if time.monotonic() > end:
+            raise TimeoutError(f"CloudCompare shows no points after {longest:g} s")
+        time.sleep(PAUSE)
 
-    Four red points are the corners of the picture.
+
+def _settled(before: Image.Image | None = None, longest: float = LONGEST) -> Image.Image:
+    """Return the screen once it has corners of a picture, differs from `before`, and has stopped changing."""
+    seen = [before]
+
+    def settled() -> bool:
+        seen.append(ImageGrab.grab(xdisplay=DISPLAY).convert("RGB"))
+        return seen[-2] == seen[-1] and seen[-1] != before and _corners(seen[-1]) is not None
+
+    _wait(settled, longest)
+    return seen[-1]
+
+
+def seen_from(points: pr.Points, camera: pr.Camera) -> pr.Points:
+    """Points in the picture, in pixels from its middle: to the right, upwards, and to the camera.
+
+    Colours are kept, normals turned. Four red points are the corners of the picture.
     """
     width, height = camera.size
     forward = np.asarray(camera.target) - camera.eye
@@ -84,8 +125,8 @@ def seen_from(points: pr.Points, camera: pr.Camera) -> tuple[NDArray[np.float64]
     forward /= distance
     right = np.cross(forward, camera.up)
     right /= np.linalg.norm(right)
-    positions = points.positions[points.finite] + points.origin - camera.eye
-    across, upward, depth = np.stack([right, np.cross(right, forward), forward]) @ positions.T
+    axes = np.stack([right, np.cross(right, forward), forward])
+    across, upward, depth = axes @ (points.positions[points.finite] + points.origin - camera.eye).T
     pixels = height / 2 / np.tan(np.radians(camera.fov) / 2)
     with np.errstate(divide="ignore", invalid="ignore"):
         flat = np.column_stack([across / depth, upward / depth, 1 - depth / distance]) * pixels
@@ -94,21 +135,44 @@ def seen_from(points: pr.Points, camera: pr.Camera) -> tuple[NDArray[np.float64]
     colors = np.full((len(flat), 3), GREY, np.uint8)
     if points.colors is not None:
         colors = points.colors[points.finite][inside]
+    normals = None
+    if points.normals is not None:
+        turned = points.normals[points.finite][inside] @ axes.T * (1, 1, -1)
+        normals = np.concatenate([turned, np.tile([0.0, 0, 1], (4, 1))])
     middle = float(flat[:, 2].mean()) if len(flat) else 0.0
     corners = [[x * width / 2, y * height / 2, middle] for x in (-1, 1) for y in (-1, 1)]
-    return np.concatenate([flat, corners]), np.concatenate([colors, np.tile(np.uint8([[255, 0, 0]]), (4, 1))])
+    red = np.tile(np.uint8([[255, 0, 0]]), (4, 1))
+    return pr.Points(np.concatenate([flat, corners]), normals=normals, colors=np.concatenate([colors, red]))
 
 
 def _press(environment: dict[str, str], *words: object) -> None:
     subprocess.run(["xdotool", *map(str, words)], env=environment, check=False, stdout=subprocess.DEVNULL)
 
 
-def _corners(screen: NDArray[np.int64]) -> tuple[int, int, int, int] | None:
-    """Left, top, right, bottom of the four red points on the screen, (h, w, 3); None if not found."""
-    red = (screen[..., 0] > 200) & (screen[..., 1:] < 60).all(axis=-1)
+def _red(screen: Image.Image) -> NDArray[np.bool_]:
+    """The pixels of the view in which there are points that are red."""
+    levels = np.asarray(screen).astype(int)
+    red = (levels[..., 0] > 200) & (levels[..., 1:] < 60).all(axis=-1)
     left, top, right, bottom = VIEW
     red[AXES[1] :, AXES[0] :] = False
-    y, x = np.nonzero(red[top:bottom, left:right])
-    if len(y) == 0:
+    return red[top:bottom, left:right]
+
+
+def _corners(screen: Image.Image) -> tuple[int, int, int, int] | None:
+    """Left, top, right, bottom of the four red points on the screen; None if not found."""
+    red = _red(screen)
+    y, x = np.nonzero(red)
+    if len(y) == 0 or np.ptp(y) < SMALLEST or not red[np.ix_([y.min(), y.max()], [x.min(), x.max()])].all():
         return None
+    left, top = VIEW[:2]
     return int(x.min() + left), int(y.min() + top), int(x.max() + left + 1), int(y.max() + top + 1)
+
+
+def main() -> int:
+    width, height = map(int, sys.argv[2].split("x"))
+    capture(Path(sys.argv[1]), (width, height)).save(sys.argv[3])
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

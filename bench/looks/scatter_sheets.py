@@ -69,7 +69,7 @@ def drawn(path: Path, scatter: str, camera: pr.Camera, folder: Path) -> Image.Im
 
 def closed(points: pr.Points, camera: pr.Camera) -> float:
     """The size in pixels at which points just cover the part of the picture in which they are, 4 to 12."""
-    at = cloudcompare.seen_from(points, camera)[0][:-4, :2] // BLOCK
+    at = cloudcompare.seen_from(points, camera).positions[:-4, :2] // BLOCK
     blocks = len(np.unique(at, axis=0))
     return float(np.clip(1.5 * BLOCK * np.sqrt(blocks / max(len(at), 1)), 4, 12))
 

@@ -25,7 +25,11 @@ def test_points_are_moved_to_their_pixels(rng):
         [positions, [CAMERA.eye + 2 * (np.asarray(CAMERA.eye) - CAMERA.target)], positions[:1] * np.nan]
     )
     colors = rng.integers(0, 255, (len(hidden), 3)).astype(np.uint8)
-    flat, seen = seen_from(pr.Points(hidden, colors=colors), CAMERA)
+    normals = rng.normal(size=hidden.shape)
+    found = seen_from(pr.Points(hidden, normals=normals, colors=colors), CAMERA)
+    flat, seen = found.positions + found.origin, found.colors
+    facing = normals[:1200] @ _forward() < 0
+    assert ((found.normals[:-4, 2] > 0) == facing).all()
     x, y = np.meshgrid(np.arange(40) + 0.5 - 20, 15 - 0.5 - np.arange(30))
     np.testing.assert_allclose(flat[:-4, 0], x.ravel(), atol=1e-3)
     np.testing.assert_allclose(flat[:-4, 1], y.ravel(), atol=1e-3)
