@@ -44,6 +44,7 @@ class Page:
     quick : options of commands of the page by the values used in a build, such as `--size`, where the stored pictures
         take too long
     pictures : stored pictures, as paths below `docs/`
+    run : whether its code is run and its pictures are compared
     """
 
     name: str
@@ -52,6 +53,7 @@ class Page:
     pictures: list[Path]
     scans: dict[str, str] = field(default_factory=dict)
     quick: dict[str, str] = field(default_factory=dict)
+    run: bool = True
 
 
 def load_page(path: Path) -> Page:
@@ -61,7 +63,8 @@ def load_page(path: Path) -> Page:
     name = path.relative_to(DOCS if DOCS in path.parents else ROOT).with_suffix("").as_posix()
     links = [next(group for group in match.groups() if group) for match in IMAGE.finditer(text)]
     pictures = [(path.parent / link).resolve() for link in dict.fromkeys(links)]
-    return Page(name, path, blocks_of(text), pictures, header.get("scans", DEFAULT), header.get("quick", {}))
+    options = header.get("scans", DEFAULT), header.get("quick", {}), header.get("run", True)
+    return Page(name, path, blocks_of(text), pictures, *options)
 
 
 def blocks_of(text: str) -> list[Block]:
