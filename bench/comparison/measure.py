@@ -52,6 +52,9 @@ def run(result: Result, command: list[str]) -> None:
     except subprocess.TimeoutExpired as error:
         result.failure = f"failed: {error}"
         return
+    if done.returncode != 0:
+        result.failure = f"failed: the measurement ended with status {done.returncode}"
+        return
     measured = json.loads(done.stdout)
     if measured["status"] != 0 or not result.picture.exists():
         last = (done.stderr.strip().splitlines() or ["no picture was written"])[-1]
