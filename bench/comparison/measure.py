@@ -49,10 +49,13 @@ def run(result: Result, command: list[str]) -> None:
     words = [sys.executable, "-IS", str(LAUNCH), *command]
     try:
         done = subprocess.run(words, capture_output=True, text=True, timeout=LONGEST, cwd=ROOT, env=environment())
-        measured = json.loads(done.stdout)
-    except (subprocess.TimeoutExpired, json.JSONDecodeError) as error:
+    except subprocess.TimeoutExpired as error:
         result.failure = f"failed: {error}"
         return
+    if done.returncode != 0:
+        result.failure = f"failed: the measurement ended with status {done.returncode}"
+        return
+    measured = json.loads(done.stdout)
     if measured["status"] != 0 or not result.picture.exists():
         last = (done.stderr.strip().splitlines() or ["no picture was written"])[-1]
         result.failure = f"failed with status {measured['status']}: {last}"

@@ -26,7 +26,6 @@ from PIL import Image, ImageGrab
 
 import pointray as pr
 
-DISPLAY = ":95"
 SCREEN = 2400, 2000
 VIEW = 330, 80, 2340, 1830  # pixels of the screen in which there are points: left, top, right, bottom
 AXES = 2240, 1740  # from here on to the right and down there are the axes
@@ -34,6 +33,7 @@ SMALLEST = 100  # pixels between corners: less is something else
 MIDDLE = 1344, 960  # where the wheel is turned with Alt, which changes the size of points
 POINT_SIZE = 3  # pixels; CloudCompare starts with 1
 LONGEST, ANSWER, PAUSE = 120.0, 10.0, 0.25  # seconds to wait for a picture, for a change, and between two looks
+TRIES = 10  # turns of the wheel, as some are lost
 CONFIG = ".config/CCCorp/CloudCompare.conf"
 WHITE = r"""[OpenGL]
 backgroundColor=@ByteArray(\xff\xff\xff)
@@ -49,11 +49,10 @@ def screen() -> Iterator[dict[str, str]]:
     for program in ("CloudCompare", "Xvfb", "xdotool"):
         if shutil.which(program) is None:
             raise SystemExit(f"{program} is not installed: see {Path(__file__).name}")
-    server = subprocess.Popen(["Xvfb", DISPLAY, "-screen", "0", "{}x{}x24".format(*SCREEN)], stderr=subprocess.DEVNULL)
+    command = ["Xvfb", "-displayfd", "1", "-screen", "0", "{}x{}x24".format(*SCREEN)]  # prints a number that is free
+    server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     try:
-        socket = Path(f"/tmp/.X11-unix/X{DISPLAY[1:]}")
-        _wait(socket.exists)
-        yield {**os.environ, "DISPLAY": DISPLAY}
+        yield {**os.environ, "DISPLAY": f":{server.stdout.readline().strip()}"}
     finally:
         server.terminate()
         server.wait()
@@ -80,14 +79,14 @@ def capture(file: Path, size: tuple[int, int]) -> Image.Image:
         subprocess.run(["CloudCompare", "-SILENT", "-O", file, *convert], **quiet, timeout=200)
         program = subprocess.Popen(["CloudCompare", file.with_suffix(".bin")], **quiet)
         try:
-            window = ["search", "--sync", "--onlyvisible", "--name", "CloudCompare"]
-            _press(environment, *window, "windowmove", 0, 0, "windowsize", "--sync", *SCREEN)
-            shown = _settled()
+            shown = _settled(environment)
             _press(environment, "mousemove", *MIDDLE)
-            while _red(shown).sum() < 4 * POINT_SIZE**2:
+            for _ in range(TRIES):
+                if _red(shown).sum() >= 4 * POINT_SIZE**2:
+                    break
                 _press(environment, "keydown", "alt", "click", 4, "keyup", "alt")
                 with suppress(TimeoutError):  # the event was lost
-                    shown = _settled(shown, ANSWER)
+                    shown = _settled(environment, shown, ANSWER)
         finally:
             program.terminate()
             program.wait()
@@ -102,16 +101,19 @@ def _wait(ready: Callable[[], bool], longest: float = LONGEST) -> None:
         time.sleep(PAUSE)
 
 
-def _settled(before: Image.Image | None = None, longest: float = LONGEST) -> Image.Image:
+def _settled(environment: dict[str, str], before: Image.Image | None = None, longest: float = LONGEST) -> Image.Image:
     """Return the screen once it has corners of a picture, differs from `before`, and has stopped changing."""
-    seen = [before]
+    last = before
 
     def settled() -> bool:
-        seen.append(ImageGrab.grab(xdisplay=DISPLAY).convert("RGB"))
-        return seen[-2] == seen[-1] and seen[-1] != before and _corners(seen[-1]) is not None
+        nonlocal last
+        window = ["search", "--onlyvisible", "--name", "CloudCompare"]  # at first the splash screen, too
+        _press(environment, *window, "windowmove", "%@", 0, 0, "windowsize", "%@", *SCREEN)
+        shown, last = last, ImageGrab.grab(xdisplay=environment["DISPLAY"]).convert("RGB")
+        return shown == last and last != before and _corners(last) is not None
 
     _wait(settled, longest)
-    return seen[-1]
+    return last
 
 
 def seen_from(points: pr.Points, camera: pr.Camera) -> pr.Points:
