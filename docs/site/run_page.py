@@ -56,12 +56,13 @@ class PageRun:
         for block in self.page.blocks:
             if block.language == "python" and self.lacking:
                 continue  # it may need variables of a block that was not run
-            printed = io.StringIO()
+            printed = io.StringIO()  # output and notes
+            output = _Tee(printed)
             try:
-                with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
+                with contextlib.redirect_stdout(output), contextlib.redirect_stderr(printed):
                     steps[block.language](self._with_cluster(block.text))
                 if block.output is not None and self.real:
-                    check_output(block.output, printed.getvalue())
+                    check_output(block.output, output.getvalue(), printed.getvalue())
             except ImportError as error:
                 self.lacking.append(str(error))
             except (Exception, SystemExit) as error:
@@ -129,11 +130,24 @@ def _expand(word: str) -> list[str]:
     return sorted(glob.glob(word)) or [word] if "*" in word else [word]
 
 
-def check_output(wanted: str, printed: str) -> None:
-    """Raise an error if a printed text differs from that of a page; numbers are not compared, `...` is any text."""
-    masked = [NUMBER.sub("#", " ".join(text.split())) for text in (wanted.replace("...", "<more>"), printed)]
-    wanted_words = masked[0].replace("<more>", "...")
-    if not doctest.OutputChecker().check_output(wanted_words, masked[1], doctest.ELLIPSIS):
+class _Tee(io.StringIO):
+    """A text that is written to another one too."""
+
+    def __init__(self, other: io.StringIO) -> None:
+        super().__init__()
+        self._other = other
+
+    def write(self, text: str) -> int:
+        """Write a text to both."""
+        self._other.write(text)
+        return super().write(text)
+
+
+def check_output(wanted: str, *printed: str) -> None:
+    """Raise an error if a page shows none of the printed texts; numbers are not compared, `...` is any text."""
+    masked = [NUMBER.sub("#", " ".join(text.split())) for text in (wanted.replace("...", "<more>"), *printed)]
+    words, check = masked[0].replace("<more>", "..."), doctest.OutputChecker().check_output
+    if not any(check(words, text, doctest.ELLIPSIS) for text in masked[1:]):
         raise PageError(f"the page shows other output:\n{wanted}\nprinted:")
 
 
