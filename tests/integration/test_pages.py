@@ -31,6 +31,8 @@ VIEWS = sorted(
 def test_the_code_of_a_page_runs(page: Page):
     result = run(page)
     assert result["problems"] == []
+    if result["lacking"] == ["chromium is not installed"]:
+        pytest.skip("chromium is not here")
     assert result["lacking"] == []
 
 
