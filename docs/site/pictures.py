@@ -9,7 +9,7 @@ from PIL import Image, ImageSequence
 
 WIDTH = 256  # of both pictures when they are compared
 MEAN, EXTREME = 1.5, 24.0  # greatest mean difference and 99.5th percentile, in levels of 255
-QUICK_MEAN, QUICK_EXTREME = 4.0, 60.0  # the same for pictures rendered with fewer samples
+QUICK_MEAN, QUICK_EXTREME = 4.0, 60.0  # the same for pictures rendered with fewer samples, or that vary
 LARGEST, QUALITY = 1600, 88  # width in pixels and WebP quality of stored pictures
 SUFFIXES = ".png", ".jpg", ".webp", ".gif", ".mp4"
 
@@ -19,7 +19,7 @@ def find_produced(folder: Path, stem: str) -> Path | None:
     return next((path for suffix in SUFFIXES if (path := folder / f"{stem}{suffix}").exists()), None)
 
 
-def compare(produced: Path, stored: Path, quick: bool) -> str | None:
+def compare(produced: Path, stored: Path, loosely: bool) -> str | None:
     """Return how a produced picture differs from the stored one, None if it does not."""
     if not stored.exists():
         return f"{stored.name} is not stored"
@@ -30,7 +30,7 @@ def compare(produced: Path, stored: Path, quick: bool) -> str | None:
         rows = min(len(new), len(old))
         difference = np.abs(new[:rows] - old[:rows])
         mean, extreme = float(difference.mean()), float(np.percentile(difference, 99.5))
-        if mean > (QUICK_MEAN if quick else MEAN) or extreme > (QUICK_EXTREME if quick else EXTREME):
+        if mean > (QUICK_MEAN if loosely else MEAN) or extreme > (QUICK_EXTREME if loosely else EXTREME):
             return (
                 f"{produced.name} differs from {stored.name}: mean {mean:.1f}, 99.5th percentile {extreme:.0f} of 255"
             )

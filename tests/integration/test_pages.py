@@ -41,8 +41,12 @@ def test_the_code_of_a_page_runs(page: Page):
 def test_commands_that_view_open_the_viewer(line, tmp_path, monkeypatch):
     arguments = shlex.split(line)[2:]
     scans = [word for word in arguments if re.fullmatch(r"[\w/*.]+\.\w+", word) and not word.startswith("-")]
-    for name in scans:
-        pr.write(tmp_path / name, pr.procedural("statue", 2000))
+    for path in [tmp_path / name for name in scans]:
+        path.parent.mkdir(exist_ok=True)
+        if path.suffix == ".pointray":
+            pr.Model(pr.procedural("statue", 2000)).save(path)
+        else:
+            pr.write(path, pr.procedural("statue", 2000))
     monkeypatch.chdir(tmp_path)
     with view(*[word for word in arguments if word != "--no-browser"]) as url:
         browser = Browser(url, (40, 30))
