@@ -168,9 +168,11 @@ def view(*arguments):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Viewer, "wait", wait)
         patch.setattr("pointray.base.malloc_arenas.keep_one_heap", lambda: None)  # it would stay so in this process
-        thread = threading.Thread(target=execute, args=(["view", "--no-open", *map(str, arguments)],))
+        command = ["view", "--no-open", *map(str, arguments)]
+        thread = threading.Thread(target=lambda: opened.put(f"exit status {execute(command)}"))
         thread.start()
         viewer = opened.get(timeout=SECONDS)
+        assert isinstance(viewer, Viewer), viewer
         try:
             yield viewer.url
         finally:

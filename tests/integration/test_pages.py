@@ -44,7 +44,7 @@ def test_commands_that_view_open_the_viewer(line, tmp_path, monkeypatch):
     for path in [tmp_path / name for name in scans]:
         path.parent.mkdir(exist_ok=True)
         if path.suffix == ".pointray":
-            pr.Model(pr.procedural("statue", 2000)).save(path)
+            pr.prepare(pr.procedural("statue", 2000), path, in_parts=True)
         else:
             pr.write(path, pr.procedural("statue", 2000))
     monkeypatch.chdir(tmp_path)
