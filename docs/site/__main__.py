@@ -22,7 +22,7 @@ def run_pages(pages: list[Page], accept: bool) -> list[str]:
     with Progress(*columns) as progress, ThreadPoolExecutor(2) as pool:
         task = progress.add_task("pages", total=len(pages))
         for page, result in zip(pages, pool.map(lambda page: run(page, accept), pages), strict=True):
-            notes = ["without its scans"] * (not result["real"]) + result["lacking"]
+            notes = [f"without {name}" for name in result["absent"]] + result["lacking"]
             progress.console.print(f"{result['seconds']:6.1f} s  {page.name}", *notes, sep="  ", markup=False)
             problems += result["problems"]
             progress.advance(task)

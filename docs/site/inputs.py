@@ -1,7 +1,8 @@
 """The scans that pages read, listed in `docs/scans.toml`, and stand-ins for those that are absent.
 
 Real scans have licences of their own and are not part of the project. A scan with `path` lies in the folder of the
-environment variable POINTRAY_SCANS; without it a page runs with a small statue, and its pictures are not compared.
+environment variable POINTRAY_SCANS; where it is absent a page runs with a small statue, and what its blocks produce
+from that is not compared.
 """
 
 from __future__ import annotations
@@ -26,16 +27,17 @@ def known_scans() -> dict[str, dict[str, object]]:
     return tomllib.loads((DOCS / "scans.toml").read_text())
 
 
-def place_scans(page: Page, folder: Path) -> bool:
-    """Put the scans of a page, examples and documents into a folder; return whether all of them are the real ones."""
+def place_scans(page: Page, folder: Path) -> set[str]:
+    """Put the scans of a page, examples and documents into a folder; return the files that are stand-ins."""
     for name in ("examples", "docs"):
         (folder / name).symlink_to(ROOT / name)
-    known, real = known_scans(), True
+    known, absent = known_scans(), set()
     for file, name in page.scans.items():
         if name not in known:
             raise ValueError(f"{page.name}: scan {name!r} is not in docs/scans.toml")
-        real &= _place(known[name], folder / file)
-    return real
+        if not _place(known[name], folder / file):
+            absent.add(file)
+    return absent
 
 
 def _place(scan: dict[str, object], path: Path) -> bool:

@@ -41,8 +41,8 @@ class Page:
     """A page.
 
     scans : names of scans (of `scans.toml`) by the file names that the page uses
-    quick : options of commands of the page by the values used in a build, such as `--size`, where the stored pictures
-        take too long
+    quick : options of commands of the page by the values used in a build, where the stored pictures take too long;
+        that of `--size` is the width, the aspect ratio remains
     varies : whether its pictures depend on chance, as where another library returns points in a random order
     pictures : stored pictures, as paths below `docs/`
     run : whether its code is run and its pictures are compared
@@ -53,7 +53,7 @@ class Page:
     blocks: list[Block]
     pictures: list[Path]
     scans: dict[str, str] = field(default_factory=dict)
-    quick: dict[str, str] = field(default_factory=dict)
+    quick: dict[str, Any] = field(default_factory=dict)
     varies: bool = False
     run: bool = True
 
@@ -65,8 +65,7 @@ def load_page(path: Path) -> Page:
     name = path.relative_to(DOCS if DOCS in path.parents else ROOT).with_suffix("").as_posix()
     links = [next(group for group in match.groups() if group) for match in IMAGE.finditer(text)]
     pictures = [(path.parent / link).resolve() for link in dict.fromkeys(links)]
-    options = header.get("scans", DEFAULT), header.get("quick", {}), header.get("varies", False), header.get("run", True)
-    return Page(name, path, blocks_of(text), pictures, *options)
+    return Page(name, path, blocks_of(text), pictures, **{"scans": DEFAULT, **header})
 
 
 def blocks_of(text: str) -> list[Block]:

@@ -39,12 +39,13 @@ class PageError(Exception):
 class PageRun:
     """Runs the blocks of a page in the current folder.
 
+    absent : scans for which there are only stand-ins; outputs and pictures of blocks that use them are not compared
     problems : what is wrong, with lines of the page
     lacking : packages that are not installed; blocks that need them are not run
     """
 
-    def __init__(self, page: Page, real: bool) -> None:
-        self.page, self.real = page, real
+    def __init__(self, page: Page, absent: set[str]) -> None:
+        self.page, self.absent = page, absent
         self.problems: list[str] = []
         self.lacking: list[str] = []
         self._variables: dict[str, Any] = {"__name__": "__page__"}
@@ -61,7 +62,7 @@ class PageRun:
             try:
                 with contextlib.redirect_stdout(output), contextlib.redirect_stderr(printed):
                     steps[block.language](self._with_cluster(block.text))
-                if block.output is not None and self.real:
+                if block.output is not None and self._is_real(block.text):
                     check_output(block.output, output.getvalue(), printed.getvalue())
             except ImportError as error:
                 self.lacking.append(str(error))
@@ -70,17 +71,25 @@ class PageRun:
 
     def check_pictures(self, folder: Path, accept: bool) -> None:
         """Compare the pictures in a folder with the stored ones, or store them, if the scans are the real ones."""
+        code = "".join(block.text for block in self.page.blocks)
         for stored in self.page.pictures:
             produced = find_produced(folder, stored.stem)
             loosely = bool(self.page.quick) or self.page.varies or stored.stem == "viewer"
+            writes = (block.text for block in self.page.blocks if f"{stored.stem}." in block.text)
+            real = self._is_real(next(writes, code))
             if produced is None:
                 if not self.lacking:
                     self.problems.append(f"{self.page.name}: no block writes {stored.stem}.png")
-            elif accept and self.real:
+            elif accept and real:
                 store(produced, stored)
-            elif not stored.exists() or self.real:
+            elif not stored.exists() or real:
                 difference = compare(produced, stored, loosely)
                 self.problems += [f"{self.page.name}: {difference}"] if difference else []
+
+    def _is_real(self, code: str) -> bool:
+        """Return whether a block reads only real scans: it names one and no other, or the page has no others."""
+        present = self.page.scans.keys() - self.absent
+        return not self.absent or (any(x in code for x in present) and not any(x in code for x in self.absent))
 
     def _with_cluster(self, text: str) -> str:
         """Return a block with the address of a cluster that exists, which is started when it is first named."""
@@ -121,7 +130,8 @@ class PageRun:
             return
         for option, value in self.page.quick.items():
             if arguments[0] in ("render", "animate") and option in arguments:
-                arguments[arguments.index(option) + 1] = value
+                place = arguments.index(option) + 1
+                arguments[place] = _narrow(arguments[place], value) if option == "--size" else str(value)
         if status := execute(arguments):
             raise PageError(f"exit status {status}: pointray {shlex.join(arguments)}")
 
@@ -129,6 +139,12 @@ class PageRun:
 def _expand(word: str) -> list[str]:
     """Return the files of a pattern, as a shell does."""
     return sorted(glob.glob(word)) or [word] if "*" in word else [word]
+
+
+def _narrow(size: str, width: int) -> str:
+    """Return an image size, such as 1600x1200, with another width and the same aspect ratio."""
+    w, h = map(int, size.split("x"))
+    return f"{width}x{round(width * h / w)}"
 
 
 class _Tee(io.StringIO):
@@ -184,14 +200,14 @@ def run_page(path: Path, folder: Path, accept: bool = False) -> dict[str, Any]:
     """Run a page in an empty folder, which becomes the current one; return what happened."""
     start = time.perf_counter()
     page = load_page(path.resolve())
-    real = place_scans(page, folder)
+    absent = place_scans(page, folder)
     os.chdir(folder)
     pr.view = _view_without_waiting
-    run = PageRun(page, real)
+    run = PageRun(page, absent)
     run.run()
     run.check_pictures(folder, accept)
     seconds = round(time.perf_counter() - start, 1)
-    return {"real": real, "problems": run.problems, "lacking": run.lacking, "seconds": seconds}
+    return {"absent": sorted(absent), "problems": run.problems, "lacking": run.lacking, "seconds": seconds}
 
 
 if __name__ == "__main__":

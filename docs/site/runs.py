@@ -26,7 +26,7 @@ def run(page: Page, accept: bool = False) -> dict[str, Any]:
     shutil.rmtree(folder, ignore_errors=True)
     command = [sys.executable, "-m", "docs.site.run_page", str(page.path), str(folder), *["--accept"] * accept]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=LIMIT)
-    result = _load(folder) or {"real": False, "lacking": [], "seconds": 0.0}
+    result = _load(folder) or {"absent": [], "lacking": [], "seconds": 0.0}
     if done.returncode:
         result["problems"] = [f"{page.name}: {(done.stdout + done.stderr)[-2000:]}"]
     result["key"] = key if not accept else _key(page)

@@ -30,4 +30,5 @@ across = np.sqrt(1 - z * z)
 directions = np.stack([across * np.cos(np.radians(longitude)), across * np.sin(np.radians(longitude)), z], axis=1)
 positions = directions * (RADIUS + EXAGGERATION * elevation)[:, None]
 colors = colormaps["gist_earth"](0.5 + elevation / 14)[:, :3]
+colors = 0.5 * colors + 0.5 * colors.mean(axis=1, keepdims=True)  # less saturated
 pr.write(sys.argv[1], pr.Points(positions, colors=colors))

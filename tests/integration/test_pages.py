@@ -121,10 +121,22 @@ def test_wrong_pages_are_reported(tmp_path, monkeypatch):
     page = load_page(path)
     monkeypatch.undo()
     monkeypatch.chdir(tmp_path)
-    run = PageRun(page, real=True)
+    run = PageRun(page, set())
     run.run()
     assert len(run.problems) == 1 and "line 2" in run.problems[0] and "exit status 2" in run.problems[0]
     assert run.lacking == ["No module named 'none'"]
+
+
+def test_what_blocks_produce_from_stand_ins_is_not_compared(tmp_path):
+    blocks = blocks_of(
+        "```sh\npointray info a.ply\n```\n```text\nno\n```\n```sh\npointray info b.ply\n```\n```text\nno\n```\n"
+    )
+    page = Page("a", tmp_path, blocks, [], {"a.ply": "statue", "b.ply": "statue"})
+    for absent, lines in ({"a.ply"}, [8]), ({"a.ply", "b.ply"}, []), (set(), [2, 8]):
+        run = PageRun(page, absent)
+        run._command = lambda arguments: print("yes")
+        run.run()
+        assert [int(re.search(r"line (\d+)", problem)[1]) for problem in run.problems] == lines
 
 
 def test_every_public_name_is_in_the_reference():
