@@ -10,9 +10,9 @@ from PIL import Image
 
 import pointray as pr
 
-POINTS = 300_000
+POINTS = 100_000
 SIZE = (320, 400)
-SAMPLES = 16
+SAMPLES = 4
 FRAMES = 36
 
 scene = pr.Scene()
@@ -36,4 +36,4 @@ with tempfile.TemporaryDirectory() as folder:
         pr.write_image(picture, image, exposure=-0.7, curve="filmic")
         frames.append(Image.open(picture).convert("RGB"))
         print(f"frame {k + 1} of {FRAMES}", end="\r", flush=True)
-frames[0].save(sys.argv[1], save_all=True, append_images=frames[1:], duration=1000 // 12, loop=0, quality=75)
+frames[0].save(sys.argv[1], save_all=True, append_images=frames[1:], duration=1000 // 12, loop=0, quality=90)

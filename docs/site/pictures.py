@@ -9,7 +9,7 @@ from PIL import Image, ImageSequence
 
 WIDTH = 256  # of both pictures when they are compared
 MEAN, EXTREME = 1.5, 24.0  # greatest mean difference and 99.5th percentile, in levels of 255
-QUICK_MEAN, QUICK_EXTREME = 4.0, 60.0  # the same for pictures rendered with fewer samples, or that vary
+QUICK_MEAN, QUICK_EXTREME = 6.0, 60.0  # the same for pictures rendered with fewer samples, or that vary
 LARGEST, QUALITY = 1600, 88  # width in pixels and WebP quality of stored pictures
 SUFFIXES = ".png", ".jpg", ".webp", ".gif", ".mp4"
 

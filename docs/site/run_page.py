@@ -128,10 +128,13 @@ class PageRun:
             if any(picture.stem == "viewer" for picture in self.page.pictures) and not Path("viewer.png").exists():
                 take(arguments[1:], Path("viewer.png"))
             return
-        for option, value in self.page.quick.items():
-            if arguments[0] in ("render", "animate") and option in arguments:
-                place = arguments.index(option) + 1
-                arguments[place] = _narrow(arguments[place], value) if option == "--size" else str(value)
+        if arguments[0] in ("render", "animate"):
+            for option, value in self.page.quick.items():
+                if option in arguments:
+                    place = arguments.index(option) + 1
+                    arguments[place] = _narrow(arguments[place], value) if option == "--size" else str(value)
+                elif option == "--size" and not any(word.startswith("--size=") for word in arguments):
+                    arguments += [option, _narrow("4x3", value)]
         if status := execute(arguments):
             raise PageError(f"exit status {status}: pointray {shlex.join(arguments)}")
 

@@ -51,7 +51,7 @@ def test_render_of_a_file_is_the_picture_of_the_command(scan, statue, tmp_path, 
 
 @pytest.mark.long
 @pytest.mark.scans
-@pytest.mark.parametrize("name", ["rgbd_kinect_chair_rgb", "sfm_garden_rgb_nonormals", "autzen_stadium_crop_rgb"])
+@pytest.mark.parametrize("name", ["rgbd_kinect_chair_rgb", "sfm_garden_rgb_nonormals"])
 @pytest.mark.filterwarnings("ignore")
 def test_render_of_real_scans_is_the_picture_of_the_command(name, tmp_path, capsys):
     """One-sided, from above, with strays: view, light, back faces and exposure are chosen alike."""

@@ -128,7 +128,9 @@ class PictureOptions:
         commands=SHOWN,
         part=IN_ROOT,
     )
-    ground: bool = _look(False, None, "Add a grey plane under the scan.")
+    ground: bool = _look(
+        False, None, "Add a grey plane under the scan. Points of the ground: --keep classification=ground."
+    )
     contact_shadow: bool = _look(
         True,
         None,

@@ -104,7 +104,7 @@ class Reading:
     intrinsics: tuple[float, ...] | None = _reading(
         None,
         "NUMBERS",
-        "Intrinsics of a depth image, fx,fy,cx,cy in pixels, then optionally ,steps per unit of length.",
+        "Intrinsics of a depth image that is read, fx,fy,cx,cy in pixels, then optionally ,steps per unit of length.",
         parse=_intrinsics,
     )
     strict: bool = _reading(

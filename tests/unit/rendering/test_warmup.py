@@ -138,9 +138,10 @@ CHEAP = ["cloud.neighbors.rows", "surface.tree.wide"]  # modules with the kernel
 
 
 def run(program, cache):
+    """Run a program with kernels that are compiled without optimization, which takes half as long."""
     done = subprocess.run(
         [sys.executable, "-c", program],
-        env={**os.environ, "POINTRAY_CACHE": str(cache), "POINTRAY_KERNELS": "jit"},
+        env={**os.environ, "POINTRAY_CACHE": str(cache), "POINTRAY_KERNELS": "jit", "NUMBA_OPT": "0"},
         capture_output=True,
         text=True,
         check=True,

@@ -17,12 +17,15 @@ from ..read_options import Reading
 from ..scan_files import scan_of
 
 LIT = (
-    "Result: .ply, the points with the attributes ao (visible share of the sky) and irradiance_r, _g, _b (incoming "
-    "light on the side of the normals); or .bake, for --bake."
+    "Result: a scan (.ply, .las, .laz and all others that `convert` writes), with the attributes ao (visible share of "
+    "the sky) and irradiance_r, _g, _b (incoming light on the side of the normals); or .bake, for --bake."
 )
 ALBEDO = "Factor for the points' colours where light bounces, 0 to 1; photographs contain light already."
 PATCHES = "Maximum number of points that exchange light; others interpolate. Default: half of them, 32768 to 1048576."
-PREPARED = "Result: .ply; .pointray: a saved model; or a folder .pointray/: a model in parts."
+PREPARED = (
+    "Result: a scan (.ply, .las and all others that `convert` writes); .pointray: a saved model; or a folder "
+    ".pointray/: a model in parts."
+)
 TOLERANCE = "Drop points while the surface changes by at most this: 0.5 (units), or 0.05% (of the diagonal)."
 SMOOTH = (
     "Move noisy points onto the surface. Noise as a standard deviation; auto: as measured, which --tolerance and "
@@ -52,7 +55,7 @@ def bake(
     options: PictureOptions,
     output: Annotated[Path, single(OUTPUT, "FILE", LIT, "--output", "-o")],
     colors: Annotated[
-        bool, single(OUTPUT, None, "Give a .ply colours that contain the light: own colour times light.", "--colors")
+        bool, single(OUTPUT, None, "Give the scan colours that contain the light: own colour times light.", "--colors")
     ] = False,
     noise: Annotated[float, single(QUALITY, "SHARE", "Target noise relative to the light.")] = 0.03,
     links: Annotated[int, single(QUALITY, "COUNT", "Rays per patch that gather light; noisy patches get more.")] = 48,

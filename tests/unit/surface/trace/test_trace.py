@@ -45,7 +45,7 @@ def test_depth_and_normal_of_a_sphere_are_exact(surface, depth):
 
 
 @pytest.mark.parametrize(("name", "inside"), [("sphere", 0.7), long("torus", 0.25), long("statue", None)])
-@pytest.mark.parametrize("count", [100_000, long(10_000_000)])
+@pytest.mark.parametrize("count", [100_000, long(3_000_000)])
 def test_no_ray_escapes_from_inside(name, inside, count, rng):
     scene, _ = scene_of(name, 1_000_000 if name == "statue" else 60_000)
     origins = inside_of(rng, name, inside, 20_000)
@@ -100,7 +100,8 @@ def test_shadow_rays_agree_with_the_exact_shape(name, n, surface, rng):
     """Rays from hits to anywhere are blocked if they go inside or the exact shape is in the way, and only then."""
     scene, model = scene_of(name, n, surface=surface)
     target = (0, 0, 1) if name == "statue" else (0, 0, 0)
-    origins, directions = pr.Camera.look_at((1, -4, 2), target, fov=40, size=(110, 110)).rays()
+    side = 60 if name == "statue" else 110  # its exact distance takes long
+    origins, directions = pr.Camera.look_at((1, -4, 2), target, fov=40, size=(side, side)).rays()
     hits = scene.intersect(origins, directions)
     x, normal = hits.position[hits.point >= 0], hits.normal[hits.point >= 0]
     towards = unit(rng.normal(size=x.shape))
