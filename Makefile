@@ -89,9 +89,10 @@ attack: $(VENV)/tools
 
 SYSTEM ?= linux-x86_64
 
-# With the kernels of all levels of processors; SYSTEM=macos-arm64 is for another system.
+# With the kernels of all levels of processors, or of some: LEVELS="x86-64-v2 best". SYSTEM=macos-arm64 is for another
+# system.
 wheel: $(VENV)/wheel
-	$(BIN)/python -m native --system $(SYSTEM) --zig --out build/wheel/$(SYSTEM)
+	$(BIN)/python -m native --system $(SYSTEM) --zig $(addprefix --level ,$(LEVELS)) --out build/wheel/$(SYSTEM)
 	POINTRAY_WHEEL=$(SYSTEM) $(BIN)/python -m build --wheel --outdir dist
 	case $(SYSTEM) in linux-*) \
 		$(BIN)/auditwheel show dist/*-manylinux_2_17_$(SYSTEM:linux-%=%).whl | grep '"manylinux_2_17_' ;; \

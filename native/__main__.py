@@ -48,7 +48,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m native", description=__doc__)
     parser.add_argument("what", nargs="?", choices=["build", "signatures"], default="build")
     parser.add_argument("--system", choices=SYSTEMS, default=this_system())
-    parser.add_argument("--level", action="append", help="processor level (default: this one's; with --zig all)")
+    parser.add_argument("--level", action="append", help="processor level; best: this one's (default; with --zig all)")
     parser.add_argument("--zig", action="store_true", help="link with Zig, for older or other systems")
     parser.add_argument("--out", type=Path, default=LIBRARIES)
     parser.add_argument("--objects", type=Path, default=ROOT / "build/native", help="folder of object files")
@@ -62,12 +62,12 @@ def main() -> None:
         print(f"{arguments.system}: not a target in native/targets.py; Numba compiles kernels instead")
         return
     command = zig(arguments.system) if arguments.zig else compiler()
-    best = None if arguments.zig else best_level(arguments.system)
-    levels = arguments.level or (SYSTEMS[arguments.system].levels if arguments.zig else [best])
+    wanted = arguments.level or (SYSTEMS[arguments.system].levels if arguments.zig else ["best"])
+    levels = tuple(dict.fromkeys(best_level(arguments.system) if level == "best" else level for level in wanted))
     if command is None or None in levels:
         print("no C compiler (cc) found, or processor below the lowest level: Numba compiles kernels instead")
         return
-    make(Order(arguments.system, tuple(levels), arguments.objects, arguments.jobs), arguments.out, command, show)
+    make(Order(arguments.system, levels, arguments.objects, arguments.jobs), arguments.out, command, show)
 
 
 if __name__ == "__main__":

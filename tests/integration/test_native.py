@@ -144,7 +144,7 @@ def test_libraries_loaded_one_after_the_other_are_distinct(tmp_path):
     assert found == [1, 2, 3]
 
 
-# Models of each kind, pictures of them, ambient occlusion, rays and baked light, as hashes.
+# Points, models and rays, as hashes.
 RESULTS = """
 import hashlib, json
 import numpy as np
@@ -160,24 +160,14 @@ def note(name, *arrays):
 points = pr.procedural("statue", 4000)
 noisy = points.positions + np.random.default_rng(0).normal(scale=0.01, size=points.positions.shape)
 note("points", points.positions, points.normals, points.colors)
-models = {
-    "normals": pr.Model(points), "none": pr.Model(points.positions), "noisy": pr.Model(noisy),
-    "planes": pr.Model(points, surface="imls"), "radii": pr.Model(points, radius_scale=1.3),
-}
+model = pr.Model(points)
+note("model", model.radii, *model.tree[1:])
+note("noisy", pr.Model(pr.Points(noisy, points.normals)).radii)
+scene = pr.Scene()
+scene.add(model)
 camera = pr.Camera.look_at((1, -4, 1.5), (0, 0, 1), fov=40, size=(64, 48))
-for name, model in models.items():
-    note(f"model {name}", model.radii, *model.tree[1:])
-    scene = pr.Scene()
-    scene.add(model, material=pr.Phong(specular=0.3))
-    scene.add(pr.Plane((0, 0, 0), (0, 0, 1)))
-    scene.add_light(pr.SunLight((1, 1, -2)))
-    scene.add_light(pr.EnvironmentLight(0.4))
-    note(f"picture {name}", pr.render(scene, camera, pr.Settings("phong")))
-note("ao", pr.render(scene, camera, pr.Settings("ao", spp=2)))
 hits = scene.intersect(*camera.rays())
 note("rays", hits.t, hits.normal, hits.point)
-scene.baked = pr.bake(scene, pr.BakeSettings(patches=300, links=16))
-note("baked", *(getattr(scene.baked, name)(0) for name in ("ambient_occlusion", "irradiance")))
 print(json.dumps([found, jit.compilations(), library.choice()[1]]))
 """
 
@@ -196,7 +186,7 @@ def results(**variables: str) -> tuple[dict[str, str], int, str]:
 def test_results_equal_those_of_numba_to_the_last_bit(tmp_path):
     """Numba compiles for the same processor; this takes minutes."""
     found, compilations, why = results(POINTRAY_KERNELS="compiled")
-    assert compilations == 0 and len(found) == 14
+    assert compilations == 0 and len(found) == 4
     level = LEVELS[why.removeprefix("compiled for ")]
     same = {"NUMBA_CPU_NAME": level.name, "NUMBA_CPU_FEATURES": level.features}
     wanted, compilations, why = results(POINTRAY_KERNELS="jit", POINTRAY_CACHE=str(tmp_path), **same)
@@ -248,8 +238,8 @@ def best_level():
 @pytest.mark.parametrize("level", ["x86-64-v2", "x86-64-v3"])
 def test_lower_levels_give_the_same_pictures(tmp_path, level):
     found, best = [], best_level()
-    if level >= best:
-        pytest.skip(f"this CPU supports no level above {best}")
+    if level >= best or not any(WHEEL.glob(f"{level}-*")):
+        pytest.skip(f"{level} was not built, or this CPU supports no level above it")
     for name in (level, best):
         before, file = USE.format(folder=str(WHEEL), level=name), tmp_path / f"{name}.npz"
         command = [sys.executable, "-c", LEVEL.format(before=before), str(file)]

@@ -121,7 +121,7 @@ def watch():
 
 if __name__ == "__main__":
     seen = []
-    warmup.warm_up(pr.Settings("phong"), clicks=True)
+    warmup.warm_up(pr.Settings("normal"), clicks=True)
     threading.Thread(target=watch, daemon=True).start()
     scene = pr.Scene()
     scene.add(pr.Model(torus()))
@@ -132,16 +132,15 @@ if __name__ == "__main__":
     print(all(a.number <= b.number for a, b in zip(states, states[1:])))
 """.replace("{root!r}", repr(str(ROOT)))
 PICTURE = """
-    pr.render(scene, pr.Camera.look_at((3, 0, 2), (0, 0, 0), size=(8, 8)), pr.Settings("phong"))
+    pr.render(scene, pr.Camera.look_at((3, 0, 2), (0, 0, 0), size=(8, 8)), pr.Settings("normal"))
 """
 CHEAP = ["cloud.neighbors.rows", "surface.tree.wide"]  # modules with the kernels of a model that compile fastest
 
 
 def run(program, cache):
-    """Run a program with kernels that are compiled without optimization, which takes half as long."""
     done = subprocess.run(
         [sys.executable, "-c", program],
-        env={**os.environ, "POINTRAY_CACHE": str(cache), "POINTRAY_KERNELS": "jit", "NUMBA_OPT": "0"},
+        env={**os.environ, "POINTRAY_CACHE": str(cache), "POINTRAY_KERNELS": "jit"},
         capture_output=True,
         text=True,
         check=True,
