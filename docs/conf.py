@@ -72,5 +72,6 @@ def read_source(app, name, source):
 
 
 def setup(app):
-    """Register the event handler."""
+    """Register the event handler, and read pages in parallel: one extension does not say whether it allows that."""
     app.connect("source-read", read_source)
+    app.extensions["sphinx-mathjax-offline"].parallel_read_safe = True
