@@ -48,7 +48,7 @@ def test_commands_that_view_open_the_viewer(line, tmp_path, monkeypatch):
         else:
             pr.write(path, pr.procedural("statue", 2000))
     monkeypatch.chdir(tmp_path)
-    with view(*[word for word in arguments if word != "--no-browser"]) as url:
+    with view(*arguments) as url:
         browser = Browser(url, (40, 30))
         browser.arrive()
         browser.close()
@@ -137,6 +137,16 @@ def test_what_blocks_produce_from_stand_ins_is_not_compared(tmp_path):
         run._command = lambda arguments: print("yes")
         run.run()
         assert [int(re.search(r"line (\d+)", problem)[1]) for problem in run.problems] == lines
+
+
+def test_pictures_of_a_build_are_narrower(tmp_path, monkeypatch):
+    given = []
+    monkeypatch.setattr("docs.site.run_page.execute", lambda arguments: given.append(arguments) or 0)
+    run = PageRun(Page("a", tmp_path, [], [], quick={"--size": 256, "--spp": 1}), set())
+    for line in "render a --size 1600x1200 --spp 8", "render a", "render a --size=1600x1200", "info a":
+        run._command(line.split())
+    narrow = ["render a --size 256x192 --spp 1", "render a --size 256x192", "render a --size=1600x1200", "info a"]
+    assert [" ".join(arguments) for arguments in given] == narrow
 
 
 def test_every_public_name_is_in_the_reference():
