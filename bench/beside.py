@@ -54,7 +54,8 @@ def compare(scan: Path, options: argparse.Namespace, folder: Path) -> tuple[Path
 def _figures(result: Result) -> str:
     runs = ", ".join(f"{seconds:.1f} s" for seconds in result.seconds)
     memory = f"{result.peak / 1e9:.2f} GB"
-    return f"{runs}; {min(result.processor):.1f} processor seconds, {memory}, silhouette {result.overlap:.3f}"
+    stopped = f", stopped {result.stopped} times" if result.stopped else ""
+    return f"{runs}{stopped}; {min(result.processor):.1f} processor seconds, {memory}, silhouette {result.overlap:.3f}"
 
 
 def main() -> int:

@@ -23,7 +23,8 @@ ROOT = Path(__file__).parents[2]
 LAUNCH = Path(__file__).with_name("launch.py")
 DIFFERS = 6  # levels of 255 from the background: a pixel is covered
 GAPS = 7  # pixels: gaps between points up to this size count as covered
-LONGEST = 900  # seconds of one run
+LONGEST = 150  # seconds of one run: stopped after it
+TRIES = 4  # stopped runs before a program counts as failed
 
 
 @dataclass
@@ -31,7 +32,7 @@ class Result:
     """Measurements of one program with one scan.
 
     seconds, processor : of each run, elapsed and of all cores together
-    peak : bytes; overlap : intersection over union of silhouettes
+    peak : bytes; overlap : intersection over union of silhouettes; stopped : number of runs longer than LONGEST
     """
 
     peer: Peer
@@ -40,22 +41,26 @@ class Result:
     processor: list[float] = field(default_factory=list)
     peak: int = 0
     overlap: float = np.nan
+    stopped: int = 0
     failure: str = ""
 
 
 def run(result: Result, command: list[str]) -> None:
-    """Run a command once and add its time and memory, or how it failed."""
+    """Run a command once and add its time and memory, or how it failed; again if it had to be stopped."""
     result.picture.unlink(missing_ok=True)
-    words = [sys.executable, "-IS", str(LAUNCH), *command]
-    try:
-        done = subprocess.run(words, capture_output=True, text=True, timeout=LONGEST, cwd=ROOT, env=environment())
-    except subprocess.TimeoutExpired as error:
-        result.failure = f"failed: {error}"
-        return
+    words = [sys.executable, "-IS", str(LAUNCH), str(LONGEST), *command]
+    done = subprocess.run(words, capture_output=True, text=True, cwd=ROOT, env=environment())
     if done.returncode != 0:
         result.failure = f"failed: the measurement ended with status {done.returncode}"
         return
     measured = json.loads(done.stdout)
+    if measured["status"] is None:
+        result.stopped += 1
+        if result.stopped < TRIES:
+            run(result, command)
+        else:
+            result.failure = f"failed: stopped {TRIES} times after {LONGEST} s"
+        return
     if measured["status"] != 0 or not result.picture.exists():
         last = (done.stderr.strip().splitlines() or ["no picture was written"])[-1]
         result.failure = f"failed with status {measured['status']}: {last}"

@@ -101,14 +101,15 @@ PEERS = [
         (),
         "",
         "`pointray render` with its defaults: a studio with baked global illumination",
-        "[README](../README.md#render)",
+        "[tutorial](tutorial.md)",
     ),
     _OPEN3D,
     replace(
         _OPEN3D,
         key="open3d_poisson",
         name="Open3D, Poisson mesh",
-        settings="depth 9; the 1% of the vertices with the lowest density are removed; the same light",
+        settings="depth 9; the 1% of the vertices with the lowest density are removed; the same light. A new process"
+        " draws the mesh, as the renderer often hangs (with Mesa 22.3.6) in the one that made it",
         source=f"[surface reconstruction]({OPEN3D}/tutorial/geometry/surface_reconstruction.html)",
     ),
     _PYVISTA,

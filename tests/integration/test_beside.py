@@ -10,7 +10,7 @@ from PIL import Image
 
 import pointray as pr
 from bench import beside
-from bench.comparison import measure, peers
+from bench.comparison import measure, page, peers
 from bench.comparison.measure import coverage, covered, overlap
 from bench.comparison.peers import PEERS, SCRIPTS
 
@@ -60,8 +60,8 @@ def _run(folder, monkeypatch, *words):
 def test_an_absent_program_is_named(tmp_path, monkeypatch, capsys):
     absent = replace(PEERS[1], needs=("no_such_program",))
     monkeypatch.setattr(beside, "PEERS", [absent])
-    page = _run(tmp_path, monkeypatch, "--only", absent.key)
-    assert f"not run: no_such_program not installed: {absent.install}" in page
+    text = _run(tmp_path, monkeypatch, "--only", absent.key)
+    assert f"not run: no_such_program not installed: {absent.install}" in text
     assert "not run" in capsys.readouterr().out
 
 
@@ -71,11 +71,27 @@ def test_a_failed_program_is_reported(tmp_path):
     assert result.failure == "failed with status 1: no display" and result.seconds == []
 
 
+def test_a_program_that_hangs_is_stopped_and_run_again(tmp_path, monkeypatch):
+    monkeypatch.setattr(measure, "LONGEST", 0.2)
+    monkeypatch.setattr(measure, "TRIES", 2)
+    hanging = "import time; time.sleep(60)"
+    result = measure.Result(PEERS[0], tmp_path / "none.png")
+    measure.run(result, [sys.executable, "-c", hanging])
+    assert result.failure == "failed: stopped 2 times after 0.2 s" and result.stopped == 2
+
+
+def test_the_page_says_how_many_runs_were_stopped(tmp_path):
+    Image.new("RGB", (64, 48)).save(tmp_path / "points.png")
+    result = measure.Result(PEERS[1], tmp_path / "points.png", [1.0], [2.0], 10**9, 0.9, stopped=2)
+    page.write_page(tmp_path / "comparison.md", [(tmp_path / "torus.ply", 9, [result])], (64, 48), 10)
+    assert "Open3D, points: 2 runs were stopped after 150 s" in (tmp_path / "comparison.md").read_text()
+
+
 @pytest.mark.long
 @pytest.mark.skipif(importlib.util.find_spec("pyvista") is None, reason="PyVista is not installed")
 def test_a_small_scan_is_compared(tmp_path, monkeypatch):
-    page = _run(tmp_path, monkeypatch, "--only", "pointray", "pyvista_points")
-    rows = [row.split(" | ") for row in page.splitlines() if "![" in row]
+    text = _run(tmp_path, monkeypatch, "--only", "pointray", "pyvista_points")
+    rows = [row.split(" | ") for row in text.splitlines() if "![" in row]
     assert [row[0] for row in rows] == ["| pointray", "| PyVista, points"]
     for row in rows:
         assert float(row[2]) > 0 and 0.05 < float(row[4].removesuffix(" GB")) < 4
