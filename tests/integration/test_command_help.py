@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 
 import pointray as pr
 from helpers.clouds import sphere_points
+from pointray.base.manual import MANUAL
 from pointray.cli import commands, execute
 from pointray.cli.commands import app
 from pointray.cli.declare import PANELS, declarations
@@ -35,6 +36,12 @@ def test_each_option_has_a_panel_and_help(group):
         assert declared.info.rich_help_panel in PANELS, name
         assert declared.info.help and declared.info.help.endswith("."), name
         assert set(declared.commands) <= set(NAMES), name
+
+
+@pytest.mark.parametrize("words", [(), *((name,) for name in NAMES)])
+def test_help_names_the_manual_and_no_file_of_the_repository(words):
+    lines = help_of(*words)
+    assert f" Manual: {MANUAL}" in lines and "docs/" not in "".join(lines)
 
 
 def test_each_option_of_pictures_is_declared_once():

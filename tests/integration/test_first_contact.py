@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import re
 import shlex
@@ -232,8 +233,17 @@ def test_linked_pages_exist(page: str) -> None:
 def test_addresses_in_the_code_exist() -> None:
     """Pages that are named elsewhere than in PAGES."""
     for file in (ROOT / "src").rglob("*.py"):
-        for page in re.findall(r"address_of\(['\"](.+?)['\"]\)", file.read_text()):
+        text = file.read_text()
+        written = re.escape(f"{MANUAL}/page/") + r"([\w/#-]+\.html[\w#-]*)"
+        for page in re.findall(r"address_of\(['\"](.+?)['\"]\)", text) + re.findall(written, text):
             test_linked_pages_exist(page)
+
+
+def test_public_docstrings_name_addresses_instead_of_files() -> None:
+    public = [getattr(pr, name) for name in pr.__all__]
+    parts = [member for each in public if inspect.isclass(each) for member in vars(each).values()]
+    for each in [*public, *parts]:
+        assert "docs/" not in (inspect.getdoc(each) or ""), each
 
 
 PROPERTIES = "property float x\nproperty float y\nproperty float z\n"

@@ -528,7 +528,8 @@ def bake(
         Called as `progress(stage, share)` with the name of the stage and its completed share, 0 to 1.
     client : dask.distributed.Client, optional
         Sends the rays on the workers of a cluster (`pip install 'pointray[cluster]'`). The light is the same, to the
-        last bit if all processors are of one kind. `Baked.update` does not use the client. See docs/scale.md.
+        last bit if all processors are of one kind. `Baked.update` does not use the client.
+        See https://pointray.readthedocs.io/page/scale.html.
 
     Returns
     -------

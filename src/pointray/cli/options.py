@@ -17,8 +17,8 @@ SUN = 3.0  # irradiance of a sun without a strength
 FILL = 0.3  # see `auto_view.studio.fill`
 
 SCANS = (
-    "Scan: .ply, .las, .laz, .e57, .pcd, .xyz and more (docs/formats.md). Several files are read as one point cloud; "
-    "a folder stands for the scans in it. URLs work too: https://, s3://, gs:// (docs/remote.md)."
+    "Scan: .ply, .las, .laz, .e57, .pcd, .xyz and more (manual: File formats). Several files are read as one point "
+    "cloud; a folder stands for the scans in it. URLs work too: https://, s3://, gs:// (manual: Remote files)."
 )
 SUBJECT = f"{SCANS} Or a single saved model (.pointray) or scene file (.toml)."
 POINTS = f"{SCANS} Or a single saved model (.pointray), for its points."

@@ -202,7 +202,7 @@ class PictureOptions:
         None, "COUNT", "Threads. Default: POINTRAY_THREADS, or all cores.", panel=CLUSTER, part=IN_SETTINGS
     )
     cluster: str | None = _workers(
-        None, "ADDRESS", "Use the workers of a trusted Dask scheduler, such as tcp://host:8786 (docs/scale.md)."
+        None, "ADDRESS", "Use the workers of a trusted Dask scheduler, such as tcp://host:8786 (manual: Large scans)."
     )
     workers: int | None = _workers(None, "COUNT", "Use this many local Dask processes, which share the cores.", min=1)
     spread: bool = _workers(

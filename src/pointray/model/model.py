@@ -71,8 +71,9 @@ class Model(TraceableModel):
     smooth : "auto" or float
         Standard deviation of the positions' noise, in their unit. Splats lie on the surface estimated from noisy points
         and their neighbours (`pr.smooth`). Those of sparse second layers, such as of misaligned scans, lie on the
-        surface beside them (docs/strays.md). "auto": measured, locally; 0: positions are used as they are. With given
-        radii "auto" is 0, and no layer is moved. Rows, attributes and `points` stay as given.
+        surface beside them (https://pointray.readthedocs.io/page/strays.html). "auto": measured, locally; 0: positions
+        are used as they are. With given radii "auto" is 0, and no layer is moved. Rows, attributes and `points` stay as
+        given.
     scatter : {"auto", "spheres", "discs", "surface", "none"}
         How points that lie on no surface (leaves, wires, strays) are drawn: as spheres, as single flat discs
         perpendicular to their normals, as splats of the surface like all other points, or not at all. With given radii,

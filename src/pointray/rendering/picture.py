@@ -69,7 +69,8 @@ def render(
         0 to 1. An exception raised in it ends the call.
     client : dask.distributed.Client, optional
         Render on the workers of a cluster, with all of their threads (`pip install 'pointray[cluster]'`). The image is
-        the same, to the last bit if all processors are of one kind, unless a time limit ends it. See docs/scale.md.
+        the same, to the last bit if all processors are of one kind, unless a time limit ends it.
+        See https://pointray.readthedocs.io/page/scale.html.
     spread : bool, optional
         Distribute the parts of models in parts over the workers and send rays to them; not for "baked" and "cost".
         None: if a model's parts do not fit into the memory of a worker.

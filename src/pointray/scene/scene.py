@@ -384,7 +384,8 @@ class Scene:
         t_min and t_max only select among the hits of a ray: a shorter ray hits what the whole ray hits, or nothing.
 
         Rays in Dask arrays are intersected when the hits are computed, one task per chunk, with the scene as it was at
-        the call. `dask.compute(hits)` computes all fields at once. See docs/scale.md.
+        the call. `dask.compute(hits)` computes all fields at once.
+        See https://pointray.readthedocs.io/page/scale.html.
 
         Parameters
         ----------

@@ -50,7 +50,8 @@ def load_scene(path: str | os.PathLike[str], progress: StageProgress | None = No
 
     Notes
     -----
-    Keys are the names of Python parameters; "none" stands for None. docs/scenes.md describes all tables::
+    Keys are the names of Python parameters; "none" stands for None. https://pointray.readthedocs.io/page/scenes.html
+    describes all tables::
 
         background = [0.5, 0.6, 0.8]           # or "none", "environment"; exposure and curve as for `write_image`
 

@@ -15,11 +15,14 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand
 
+from ...base.manual import MANUAL
 from ..declare import OUTPUT
 from .cache import cache
 from .files import bake, convert, info, prepare
 from .pictures import animate, render, view
 from .trials import bench, demo
+
+EPILOG = f"Manual: {MANUAL}"
 
 app = typer.Typer(
     add_completion=False,
@@ -27,6 +30,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["--help", "-h"], "max_content_width": 100},
     help="\b\nExamples:\n  pointray view scan.ply\n  pointray render scan.ply -o scan.png\n\n"
     "Ray trace point clouds: smooth, lit, shadowed surfaces straight from points.",
+    epilog=EPILOG,
 )
 
 
@@ -43,7 +47,7 @@ class Command(TyperCommand):
 
 for command in (render, animate, view, bake, prepare, info, convert, cache, demo, bench):
     summary = command.__wrapped__.__doc__.partition("\n")[0]  # type: ignore[attr-defined]
-    app.command(cls=Command, short_help=summary)(command)
+    app.command(cls=Command, short_help=summary, epilog=EPILOG)(command)
 
 
 @app.callback(invoke_without_command=True)
