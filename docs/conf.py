@@ -30,7 +30,7 @@ nitpick_ignore_regex = [("py:obj", ".*")]  # words in backticks in docstrings, o
 autosummary_generate = False
 default_role = "autolink"
 autodoc_typehints = "none"  # the docstrings have shapes and units too
-autodoc_default_options = {"members": True, "inherited-members": False}
+autodoc_default_options = {"members": True}
 numpydoc_show_class_members = False
 numpydoc_xref_param_type = False
 
