@@ -1,4 +1,4 @@
-# python examples/07_moving_sun.py moving_sun.webp
+# python examples/07_moving_sun.py moving_sun.webp [FRAMES]
 #
 # A film of a day: light is baked once and updated for each position of the sun, without tracing links again.
 import sys
@@ -13,7 +13,7 @@ import pointray as pr
 POINTS = 100_000
 SIZE = (320, 400)
 SAMPLES = 4
-FRAMES = 36
+FRAMES = int(sys.argv[2]) if len(sys.argv) > 2 else 36
 
 scene = pr.Scene()
 scene.background = "environment"

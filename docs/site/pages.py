@@ -42,7 +42,7 @@ class Page:
 
     scans : names of scans (of `scans.toml`) by the file names that the page uses
     quick : options of commands of the page by the values used in a build, where the stored pictures take too long;
-        that of `--size` is the width, the aspect ratio remains
+        that of `--size` is the width, the aspect ratio remains; `python`: arguments appended to programs
     varies : whether its pictures depend on chance, as where another library returns points in a random order
     pictures : stored pictures, as paths below `docs/`
     run : whether its code is run and its pictures are compared

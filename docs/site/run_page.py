@@ -16,6 +16,7 @@ import time
 import tomllib
 import traceback
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -114,6 +115,7 @@ class PageRun:
             if words[0] == "pointray":
                 self._command(words[1:])
             elif words[0] == "python":
+                words += shlex.split(str(self.page.quick.get("python", "")))
                 done = subprocess.run([sys.executable, *words[1:]], capture_output=True, text=True)
                 print(done.stdout, done.stderr, sep="")
                 if done.returncode:
@@ -203,6 +205,7 @@ def run_page(path: Path, folder: Path, accept: bool = False) -> dict[str, Any]:
     """Run a page in an empty folder, which becomes the current one; return what happened."""
     start = time.perf_counter()
     page = load_page(path.resolve())
+    page = replace(page, quick={}) if accept else page
     absent = place_scans(page, folder)
     os.chdir(folder)
     pr.view = _view_without_waiting
