@@ -15,11 +15,11 @@ from bench.comparison.peers import PEERS
 from pointray.engine.jit.disk_cache import cpu_name
 
 WIDTH, LARGEST = 640, 60_000  # pixels and bytes of a picture
-KINDS = {
-    "potree_lion_takanawa_rgb": "photogrammetry of a stone lion (Potree)",
-    "autzen_stadium_crop_rgb": "airborne laser scan of a stadium (Watershed Sciences, PDAL, CC BY 4.0)",
-    "outcrop_qcompass_rgb": "photogrammetry of a rock face (CloudCompare's qCompass)",
-    "tls_pumpA_rgb": "terrestrial laser scan of a pump from one station (libE57)",
+KINDS = {  # title and kind of scans
+    "potree_lion_takanawa_rgb": ("Stone lion", "photogrammetry (Potree)"),
+    "autzen_stadium_crop_rgb": ("Stadium", "an airborne laser scan (Watershed Sciences, PDAL, CC BY 4.0)"),
+    "outcrop_qcompass_rgb": ("Rock face", "photogrammetry (CloudCompare's qCompass)"),
+    "tls_pumpA_rgb": ("Pump room", "a terrestrial laser scan from one station (libE57)"),
 }
 START = """---
 run: false
@@ -89,12 +89,11 @@ def write_page(document: Path, scans: list[tuple[Path, int, list[Result]]], size
         gaps=GAPS,
     )
     for scan, count, results in scans:
-        text += f"\n## {scan.stem}\n\n{count:,} points"
-        text += f", {KINDS[scan.stem]}.\n\n" if scan.stem in KINDS else ".\n\n"
-        text += "| program | picture | seconds | processor | peak memory | lines | silhouette |\n"
-        text += "|---|---|---:|---:|---:|---:|---:|\n"
-        text += "".join(_row(scan, result, pictures, document) for result in results)
-        text += "".join(map(_stopped, results))
+        title, kind = KINDS.get(scan.stem, (scan.stem, "points with normals and colours"))
+        text += f"\n## {title}\n\n{count:,} points, {kind}.\n\n::::{{grid}} 1 2 2 2\n:gutter: 2\n\n"
+        text += "".join(_figure(scan, result, pictures, document) for result in results if not result.failure)
+        text += "::::\n\n| program | seconds | processor | peak memory | lines | silhouette |\n"
+        text += "|---|---:|---:|---:|---:|---:|\n" + "".join(map(_row, results)) + "".join(map(_stopped, results))
     text += "\n## Strengths\n\n| program | strengths | limits for pictures of scans |\n|---|---|---|\n"
     text += "".join("| {} | {} | {} |\n".format(*row) for row in STRENGTHS)
     text += "\n## Settings\n\n| program | version | settings | source |\n|---|---|---|---|\n"
@@ -102,17 +101,22 @@ def write_page(document: Path, scans: list[tuple[Path, int, list[Result]]], size
     document.write_text(text)
 
 
-def _row(scan: Path, result: Result, pictures: Path, document: Path) -> str:
-    if result.failure:
-        return f"| {result.peer.name} | {result.failure} | | | | {result.peer.lines} | |\n"
+def _figure(scan: Path, result: Result, pictures: Path, document: Path) -> str:
+    """Store a picture; return an item of the grid."""
     path = pictures / f"{scan.stem}_{result.peer.key}.webp"
     _shrink(result.picture, path)
     link = path.relative_to(document.parent).as_posix()
+    return f":::{{grid-item}}\n![{result.peer.name}]({link})\n\n{result.peer.name}\n:::\n\n"
+
+
+def _row(result: Result) -> str:
+    if result.failure:
+        return f"| {result.peer.name} | {result.failure} | | | {result.peer.lines} | |\n"
     seconds, processor = (statistics.median(each) for each in (result.seconds, result.processor))
     figures = (
         f"{seconds:.1f} | {processor:.1f} | {result.peak / 1e9:.2f} GB | {result.peer.lines} | {result.overlap:.3f}"
     )
-    return f"| {result.peer.name} | ![{result.peer.name}]({link}) | {figures} |\n"
+    return f"| {result.peer.name} | {figures} |\n"
 
 
 def _stopped(result: Result) -> str:
