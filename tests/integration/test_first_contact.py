@@ -186,7 +186,10 @@ COUNTS = {"source": "compiled on demand", "in_library": 0, "outdated": 0, "compi
     ("changes", "words"),
     [
         ({"cache": {"folder": "/cache", "bytes": 0, "writable": False}}, "/cache is not writable"),
-        ({"kernel_counts": COUNTS, "kernels": "no compiled kernels"}, "compiled on the first run: no compiled kernels"),
+        (
+            {"kernel_counts": COUNTS, "kernels": "no compiled kernels"},
+            "compiled when they are first needed: no compiled kernels",
+        ),
         ({"kernel_counts": COUNTS | {"source": "missing"}}, "Numba is not installed"),
         ({"kernel_counts": COUNTS | {"source": "library", "in_library": 3, "outdated": 2}}, "2 kernels"),
         ({"memory": {"total": 8 * 2**30, "available": 2**30}}, "Only 1.0 GiB"),

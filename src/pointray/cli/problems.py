@@ -60,8 +60,8 @@ def _of_kernels(facts: dict[str, Any]) -> Iterator[tuple[str, str]]:
     if counts["source"] == "missing":
         yield f"No kernels: {why}, and Numba is not installed", "pip install 'pointray[jit]'"
     elif counts["source"] != "library" and "POINTRAY_" not in why:
-        slow = address_of("troubleshooting.html#first-run-is-slow")
-        yield f"Kernels are compiled on the first run: {why}", f"Install a wheel that contains them. {slow}"
+        advice = f"Install a wheel that contains them, or build one: {address_of('install.html')}"
+        yield f"Kernels are compiled when they are first needed: {why}", advice
     elif counts["outdated"]:
         yield (
             f"{counts['outdated']} kernels of the library were built from other sources and are compiled on first use",
