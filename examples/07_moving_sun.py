@@ -1,6 +1,7 @@
-# python examples/07_moving_sun.py moving_sun.webp [FRAMES]
+# python examples/07_moving_sun.py moving_sun.webp
 #
-# A film of a day: light is baked once and updated for each position of the sun, without tracing links again.
+# A film of a day: light is baked once and updated for each position of the sun, without tracing links again. A number
+# of frames may follow the file.
 import sys
 import tempfile
 from pathlib import Path
