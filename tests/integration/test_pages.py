@@ -1,7 +1,5 @@
 """The code of README and of all pages of the documentation runs, and their pictures are the stored ones."""
 
-import contextlib
-import io
 import re
 import shlex
 
@@ -147,14 +145,15 @@ def test_pictures_of_a_build_are_narrower(tmp_path, monkeypatch):
     run = PageRun(Page("a", tmp_path, [], [], quick={"--size": 256, "--spp": 1}), set())
     for line in "render a --size 1600x1200 --spp 8", "render a", "render a --size=1600x1200", "info a":
         run._command(line.split())
-    (tmp_path / "say.py").write_text("import sys; print(*sys.argv[1:])")
-    monkeypatch.chdir(tmp_path)
-    run.page.quick["python"] = 5
-    with contextlib.redirect_stdout(io.StringIO()) as printed:
-        run._shell("python say.py film.webp")
-    assert printed.getvalue().split() == ["film.webp", "5"]
     narrow = ["render a --size 256x192 --spp 1", "render a --size 256x192", "render a --size=1600x1200", "info a"]
     assert [" ".join(arguments) for arguments in given] == narrow
+
+
+def test_programs_of_a_build_get_more_arguments(tmp_path, monkeypatch, capsys):
+    (tmp_path / "say.py").write_text("import sys; print(*sys.argv[1:])")
+    monkeypatch.chdir(tmp_path)
+    PageRun(Page("a", tmp_path, [], [], quick={"python": 5}), set())._shell("python say.py film.webp")
+    assert capsys.readouterr().out.split() == ["film.webp", "5"]
 
 
 def test_every_public_name_is_in_the_reference():
